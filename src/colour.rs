@@ -17,7 +17,6 @@ use clap::{
 
 /// Style of errors and failures.
 const ERROR: Style = AnsiColor::Red.on_default().bold();
-/// Style of warnings.
 const WARNING: Style = AnsiColor::Yellow.on_default().bold();
 /// Style of the best value of a column.
 const BEST: Style = AnsiColor::Green.on_default().bold();

@@ -9,7 +9,6 @@ use omnilife_reconstruct::jobs::export::page;
 use omnilife_tracks::appearance;
 use serde::{Serialize, Serializer, ser::SerializeStruct};
 
-/// Requirement that is checked.
 pub(crate) struct Check {
     /// Its name in the report; unique, kebab-case.
     pub(crate) id: &'static str,
@@ -123,7 +122,6 @@ impl Serialize for Report {
     }
 }
 
-/// Runs all checks.
 pub(crate) fn report() -> Report {
     Report {
         entries: CHECKS

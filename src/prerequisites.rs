@@ -24,7 +24,6 @@ const FEW_FRAMES: u64 = 120;
 /// Largest ratio of the bytes of pixels to those on the disk: images of cameras shrink to a half or a third as PNG.
 const MOST_COMPRESSION: u64 = 20;
 
-/// Prerequisite of a command.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Prerequisite<'a> {
     /// Valid settings of a curation. The video is named in errors.

@@ -90,7 +90,6 @@ fn fold_table(lines: &[&str], columns: usize) -> String {
     shown.collect::<Vec<_>>().join("\n")
 }
 
-/// Returns the cells between the bars of a line.
 fn cells(line: &str) -> Vec<&str> {
     let line = line.trim_end();
     let inner = line.strip_prefix('|').unwrap_or(line);

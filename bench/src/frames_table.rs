@@ -26,7 +26,6 @@ pub(crate) fn write(
     Ok(table.write(path)?)
 }
 
-/// Writes one row per view and object in it.
 pub(crate) fn write_objects(
     path: &Path,
     job: &ScoringJob,

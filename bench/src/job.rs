@@ -108,17 +108,13 @@ impl fmt::Display for ViewKind {
     }
 }
 
-/// A view to score.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct View {
     pub(crate) kind: ViewKind,
-    /// Frame of the scene.
     pub(crate) frame: u32,
 }
 
-/// Outcome of scoring one view.
 pub(crate) struct ViewOutcome {
-    /// The view.
     pub(crate) view: View,
     /// One value per available metric of the protocol, or the reason for their absence.
     pub(crate) scores: Result<Vec<Result<f64, Undefined>>, String>,
@@ -170,7 +166,6 @@ pub(crate) struct ScoringJob {
     novel_folder: Option<PredictionFolder>,
 }
 
-/// A metric of the protocol.
 pub(crate) struct JobMetric {
     pub(crate) metric: &'static Metric,
     /// Reason why it cannot be computed for any view.
@@ -298,7 +293,6 @@ impl ScoringJob {
         views
     }
 
-    /// Returns the folder of the predictions of a scored kind.
     pub(crate) fn folder(&self, kind: ViewKind) -> Option<&PredictionFolder> {
         match kind {
             ViewKind::Input => self.input_folder.as_ref(),
@@ -314,7 +308,6 @@ impl ScoringJob {
         folders.flat_map(|folder| folder.strays.iter().map(String::as_str))
     }
 
-    /// Returns a file of the scene.
     pub(crate) fn scene_file(&self, name: &str) -> PathBuf {
         self.scene_file.with_file_name(name)
     }

@@ -262,7 +262,6 @@ fn not_taken(file: &InputFile) -> Reject {
     }
 }
 
-/// Returns the reasons for which a whole video was rejected.
 fn whole_video(video: &VideoEntry, status: &VideoStatus) -> Vec<Reject> {
     let reject = |check: &str, value: &str, threshold: &str| Reject {
         video: video.file.clone(),

@@ -16,7 +16,6 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-/// An asset with its scores.
 pub(crate) struct FoundAsset {
     pub(crate) record: Asset,
     /// Scores of the levels, in their order, if they exist.

@@ -48,7 +48,6 @@ pub(crate) struct RecordFiles {
 }
 
 impl RecordFiles {
-    /// Searches a folder.
     pub(crate) fn below(folder: &Path) -> Result<Self, StoreError> {
         let mut files = Self {
             folder: folder.to_owned(),
@@ -73,7 +72,6 @@ impl RecordFiles {
         Ok(files)
     }
 
-    /// Returns all results.
     pub(crate) fn results(&self) -> Result<Vec<(PathBuf, ResultRecord)>, LeaderboardError> {
         if self.results.is_empty() {
             return Err(LeaderboardError::NoResults {

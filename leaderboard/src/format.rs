@@ -49,7 +49,6 @@ pub(crate) fn backend(backend: &Backend) -> String {
     }
 }
 
-/// Returns the machine of a run.
 pub(crate) fn machine(hardware: &Hardware) -> String {
     let processor = hardware.processor.as_deref().unwrap_or(&hardware.system);
     let threads = hardware.threads;

@@ -45,7 +45,6 @@ pub(crate) struct Group<'a> {
 type Reasons<'a> = BTreeMap<&'a str, BTreeMap<&'a str, &'a str>>;
 
 impl<'a> Group<'a> {
-    /// Returns the index of a quantity.
     pub(crate) fn quantity(&self, kind: ViewKind, metric: &str) -> Option<usize> {
         let mut quantities = self.quantities.iter();
         quantities.position(|(quantity, _)| quantity.kind == kind && quantity.metric == metric)
@@ -70,7 +69,6 @@ impl<'a> Group<'a> {
         quantities.any(|(quantity, _)| quantity.kind == kind)
     }
 
-    /// Returns the numbers of one of its results.
     pub(crate) fn numbers_of(&self, result: &ResultRecord) -> Numbers {
         let without_regions = self.other_regions.contains(result.scene.as_str());
         Numbers::of(result, &self.quantities, without_regions)

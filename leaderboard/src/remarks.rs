@@ -16,12 +16,10 @@ pub(crate) struct Remarks {
     pub(crate) diagnoses: Vec<String>,
     /// Failed runs, then results with views that could not be scored.
     pub(crate) failures: Vec<String>,
-    /// All other warnings.
     pub(crate) warnings: Vec<String>,
 }
 
 impl Remarks {
-    /// Returns those of rows, in their order.
     pub(crate) fn of(rows: &[&SceneRow<'_>]) -> Self {
         let mut diagnoses = Lines::default();
         let mut runs = Lines::default();

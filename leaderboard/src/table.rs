@@ -10,9 +10,7 @@ use crate::{
     quantity::Quantity,
 };
 
-/// One table.
 pub(crate) struct Table {
-    /// Heading.
     pub(crate) title: String,
     /// Leading columns of names, then columns of cells.
     pub(crate) names: Vec<String>,
@@ -25,7 +23,6 @@ pub(crate) struct Table {
     pub(crate) notes: Vec<String>,
 }
 
-/// A column of cells.
 #[derive(Debug, Clone)]
 pub(crate) struct Column {
     /// Heading over several columns.
@@ -51,7 +48,6 @@ pub(crate) enum ColumnContent {
     Other,
 }
 
-/// A row.
 #[derive(Default)]
 pub(crate) struct Row {
     /// One per entry of [`Table::names`].
@@ -66,7 +62,6 @@ pub(crate) struct Row {
     pub(crate) marks: Vec<Mark>,
 }
 
-/// A mark of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Mark {
     Incomplete,
@@ -110,7 +105,6 @@ pub(crate) struct PublishedBlock {
     /// Paper and table.
     pub(crate) source: String,
     pub(crate) rows: Vec<Row>,
-    /// Notes on it.
     pub(crate) notes: Vec<String>,
 }
 
@@ -123,7 +117,6 @@ impl PublishedBlock {
     }
 }
 
-/// A cell.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Cell {
     /// Not measured.
@@ -147,7 +140,6 @@ pub(crate) enum Cell {
     Text(String),
 }
 
-/// A score.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Score {
     pub(crate) value: f64,
@@ -327,7 +319,6 @@ pub(crate) fn cost_columns() -> Vec<Column> {
         .to_vec()
 }
 
-/// Returns their cells.
 pub(crate) fn cost_cells(numbers: &Numbers) -> [Cell; 4] {
     let gigabytes = numbers.peak_memory_bytes.map(|bytes| bytes / 1e9);
     let seconds = numbers.training_seconds;

@@ -24,7 +24,6 @@ pub(crate) fn validate(results: &Results) -> Result<(), LeaderboardError> {
     refuse_contradicting_directions(results)
 }
 
-/// Returns the impossible values of a result.
 fn impossible(result: &ResultRecord) -> Option<String> {
     for (what, text) in [
         ("method", &result.method),

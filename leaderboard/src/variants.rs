@@ -11,7 +11,6 @@ const MARKS: [(&str, &str); 4] = [
     ("-set-", ""),
 ];
 
-/// Returns the method of a variant's name.
 pub(crate) fn method_of(name: &str) -> &str {
     &name[..next_mark(name)]
 }

@@ -131,7 +131,6 @@ struct Sums<'a> {
     first: usize,
     /// First column of the panels.
     column: usize,
-    /// Columns of the product.
     columns: usize,
 }
 

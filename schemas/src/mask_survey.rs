@@ -128,7 +128,6 @@ pub fn has_shape([width, height]: [usize; 2], [other_width, other_height]: [usiz
     products[0].abs_diff(products[1]) <= width.max(other_width)
 }
 
-/// Returns the name of a file with its folder.
 fn short_name(file: &Path) -> String {
     let name = |path: &Path| {
         let name = path.file_name().unwrap_or_default();

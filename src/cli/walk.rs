@@ -13,7 +13,7 @@ struct CommandCase<'a> {
 }
 
 fn commands(root: &Command) -> Vec<CommandCase<'_>> {
-    let walked = guide::EXAMPLES.iter().map(|&(words, lines)| {
+    let walked = guide::EXAMPLES.iter().map(|&(words, ref lines)| {
         let definition = words.split(' ').fold(root, |command, word| {
             let inner = command.find_subcommand(word);
             inner.unwrap_or_else(|| panic!("there is no command {words}"))

@@ -138,7 +138,6 @@ fn with_ablated(method: &Method, arguments: &MethodArguments) -> anyhow::Result<
     Ok(arguments)
 }
 
-/// Returns an error where a row failed.
 fn as_result(failures: &[(String, String, ErrorKind)], rows: usize) -> anyhow::Result<()> {
     let Some((name, reason, _)) = failures.first() else {
         return Ok(());

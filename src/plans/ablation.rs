@@ -16,11 +16,8 @@ use omnilife_schemas::{
 use super::{absolute, argument, own_command, scoring, tensorboard, words};
 use crate::cli::MethodArguments;
 
-/// Request for an ablation.
 pub(crate) struct AblationRequest<'a> {
-    /// Path of the scene.json.
     pub(crate) scene: &'a Path,
-    /// Path of the split.json.
     pub(crate) split: &'a Path,
     /// Folder of all rows.
     pub(crate) out: &'a Path,

@@ -32,13 +32,10 @@ use crate::{
 
 /// Request for a benchmark: methods and scenes.
 pub(crate) struct BenchmarkRequest<'a> {
-    /// Folder of the results.
     pub(crate) results: &'a Path,
     /// Scenes, or folders that are searched for them.
     pub(crate) scenes: &'a [PathBuf],
-    /// Methods, each once.
     pub(crate) methods: &'a [Method],
-    /// Protocols by name.
     pub(crate) protocols: &'a [String],
     /// Seeds; methods without training run once.
     pub(crate) seeds: &'a [u64],
@@ -125,7 +122,6 @@ pub(crate) fn sweep(
     Ok((units, own_command(reduce)?))
 }
 
-/// Refuses options of a training where no method is trained.
 fn refuse_unused(train: &[String], methods: &[Method]) -> anyhow::Result<()> {
     if train.is_empty() || methods.iter().any(Method::is_trained) {
         return Ok(());
@@ -252,7 +248,6 @@ pub(crate) struct Method {
     pub(crate) kind: MethodKind,
 }
 
-/// Origin of a method.
 pub(crate) enum MethodKind {
     /// A method of this program, in the requested variant.
     Ours(&'static OurMethod, Variant),
@@ -289,7 +284,6 @@ impl Method {
 }
 
 impl Method {
-    /// Returns whether this program trains it.
     pub(crate) fn is_trained(&self) -> bool {
         matches!(self.kind, MethodKind::Ours(method, _) if method.is_trained())
     }

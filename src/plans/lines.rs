@@ -31,7 +31,6 @@ pub(crate) fn units(file: &Path, arguments: &PlanArguments) -> anyhow::Result<Ve
         .collect())
 }
 
-/// Returns a line of the shell as a command.
 pub(crate) fn shell(line: &str) -> Vec<String> {
     words(&["sh", "-c", line])
 }

@@ -57,7 +57,6 @@ impl Layout {
         }
     }
 
-    /// Gives a bar this layout.
     fn apply(self, bar: &ProgressBar, label: &str) {
         // A test shows that the templates parse.
         let style = ProgressStyle::with_template(&self.template(bar.length().is_some()))

@@ -34,7 +34,6 @@ pub(crate) struct Outcome {
 }
 
 impl Outcome {
-    /// Makes the row of a sequence that was scored.
     pub(crate) fn scored(video: &str, sequence: &str) -> Self {
         Self {
             video: video.to_owned(),
@@ -115,7 +114,6 @@ impl Outcomes {
         self.list.push(outcome);
     }
 
-    /// Returns the number of scored sequences.
     pub(crate) fn scored(&self) -> usize {
         self.list
             .iter()

@@ -23,7 +23,6 @@ use crate::{
     plan,
 };
 
-/// Folder of the units.
 const UNITS_FOLDER: &str = "units";
 /// Outcome of a unit that is done.
 const DONE_FILE: &str = "done.json";

@@ -4,7 +4,6 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use omnilife_schemas::{process::host_name, records::UnitRunner};
 
-/// Returns the Slurm job of this process.
 fn slurm_job() -> Option<String> {
     let set = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
     match (set("SLURM_ARRAY_JOB_ID"), set("SLURM_ARRAY_TASK_ID")) {
@@ -13,7 +12,6 @@ fn slurm_job() -> Option<String> {
     }
 }
 
-/// Returns this process as a runner.
 pub(crate) fn runner() -> UnitRunner {
     UnitRunner {
         host: host_name(),
@@ -22,7 +20,6 @@ pub(crate) fn runner() -> UnitRunner {
     }
 }
 
-/// Describes a runner in words.
 pub(crate) fn described(runner: &UnitRunner) -> String {
     let job = runner.slurm_job.as_ref();
     let job = job.map_or_else(String::new, |job| format!(", Slurm job {job}"));

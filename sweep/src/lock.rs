@@ -74,7 +74,6 @@ pub(crate) fn clear(folder: &Path) -> Result<(), StoreError> {
 /// The lock of this process on a folder.
 #[derive(Debug)]
 pub(crate) struct HeldLock {
-    /// The lock itself.
     pub(crate) file: LockFile,
     /// Number of runners that held it earlier, one after another, and disappeared.
     pub(crate) lost_runners: u32,
@@ -120,7 +119,6 @@ fn content(mut file: &File) -> io::Result<Option<Option<RunnerLock>>> {
     Ok((!bytes.is_empty()).then(|| serde_json::from_slice(&bytes).ok()))
 }
 
-/// Returns an unknown runner.
 pub(crate) fn unknown() -> UnitRunner {
     UnitRunner {
         host: "unknown".to_owned(),

@@ -14,7 +14,6 @@ use omnilife_schemas::child::{GRACE, Outcome, ProcessGroup, ProcessTree};
 pub(crate) struct Job<'a> {
     /// Program and arguments; the program `omnilife` is `program`.
     pub(crate) command: &'a [String],
-    /// This program.
     pub(crate) program: &'a Path,
     /// Working directory.
     pub(crate) folder: &'a Path,

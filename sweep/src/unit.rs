@@ -27,7 +27,6 @@ pub(crate) const MOST_LOST_RUNNERS: u32 = 3;
 /// Exit code of a command that was asked to end and resumes when started again: `EX_TEMPFAIL` of sysexits.h.
 const INTERRUPTED: i32 = 75;
 
-/// Ending of an attempt.
 pub(crate) enum AttemptEnd {
     /// Done or failed, with its outcome.
     Over(Box<UnitOutcome>),

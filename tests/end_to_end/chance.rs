@@ -24,7 +24,6 @@ impl Chance {
         (self.share() * end as f64) as usize
     }
 
-    /// Returns one of the elements.
     pub(crate) fn pick<T: Copy>(&mut self, of: &[T]) -> T {
         of[self.below(of.len())]
     }

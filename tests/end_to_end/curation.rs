@@ -146,16 +146,8 @@ fn a_curated_dataset_is_sound_until_something_changes() {
 
     // Its description is kept.
     let text = out.to_str().unwrap();
-    omnilife([
-        "curate",
-        "publish",
-        text,
-        "--name",
-        "Streets",
-        "--licence",
-        "CC-BY-4.0",
-    ])
-    .succeeded();
+    omnilife(format!("curate publish {text} --name Streets --licence CC-BY-4.0").split(' '))
+        .succeeded();
     omnilife(["curate", "publish", text]).succeeded();
     verify(&out).succeeded();
     let card = fs::read_to_string(out.join("README.md")).unwrap();

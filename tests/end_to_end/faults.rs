@@ -28,7 +28,6 @@ const MEMORY_KIBIBYTES: [u32; 3] = [300 << 10, 320 << 10, 360 << 10];
 /// Open files; the system's loader takes three, and standard input and output are three more.
 const OPEN_FILES: [u32; 3] = [6, 10, 16];
 
-/// Faults of the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Fault {
     FullDisk,

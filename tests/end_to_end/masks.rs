@@ -63,20 +63,7 @@ fn masks_that_are_made_after_the_poses_enter_the_scene() {
     omnilife(["bench", "split", &seq, "--out", &split]).succeeded();
     let frames = text(&sequence.join("frames"));
     let scores = text(&copy.path().join("scores"));
-    omnilife([
-        "bench",
-        "score",
-        "--scene",
-        &seq,
-        "--split",
-        &split,
-        "--novel-views",
-        &frames,
-        "--method",
-        "truth",
-        "--out",
-        &scores,
-    ])
+    omnilife(format!("bench score --scene {seq} --split {split} --novel-views {frames} --method truth --out {scores}").split(' '))
     .succeeded();
     let result: ResultRecord = store::read_record(&copy.path().join("scores/result.json")).unwrap();
     assert!(result.novel_views.contains_key("psnr-dynamic"));

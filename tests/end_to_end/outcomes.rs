@@ -31,7 +31,6 @@ pub(crate) fn left_in(folder: &Path) -> Files {
 /// times, in memory, and in hashes of files that hold those.
 pub(crate) struct ExpectedContent {
     first: Files,
-    /// Files of the other runs.
     others: Vec<Files>,
 }
 

@@ -30,7 +30,7 @@ impl Road {
                     code = \"https://example.org/mine\"\nhardware = \"one graphics card\"\n\
                     training = \"per-scene\"\niterations = 7000\n";
         fs::write(road.at("card.toml"), card).unwrap();
-        road.omnilife(&["bench", "split", "SCENE", "--out", "split.json"])
+        road.omnilife("bench split SCENE --out split.json")
             .succeeded();
         road
     }
@@ -40,32 +40,24 @@ impl Road {
     }
 
     /// Runs a command with its paths in the folder; `SCENE` is the scene.
-    fn omnilife(&self, words: &[&str]) -> Ended {
-        let place = |(at, word): (usize, &&str)| {
-            let previous = at.checked_sub(1).map_or("", |before| words[before]);
+    fn omnilife(&self, words: &str) -> Ended {
+        let mut previous = "";
+        omnilife(words.split(' ').map(|word| {
             let is_place =
                 word.contains('/') || word.contains('.') || word.chars().all(char::is_uppercase);
-            match *word {
-                "SCENE" => self.scene.clone(),
-                _ if is_place && previous != "--training-seconds" => self.at(word),
+            match std::mem::replace(&mut previous, word) {
+                _ if word == "SCENE" => self.scene.clone(),
+                "--training-seconds" => PathBuf::from(word),
+                _ if is_place => self.at(word),
                 _ => PathBuf::from(word),
             }
-        };
-        omnilife(words.iter().enumerate().map(place).collect::<Vec<_>>())
+        }))
     }
 
     /// Packs `SCORES`, checks and adds it on a machine that made the scene itself, and builds tables there.
     fn reaches_the_leaderboard(&self) -> String {
-        self.omnilife(&[
-            "leaderboard",
-            "submit",
-            "SCORES",
-            "--card",
-            "card.toml",
-            "--out",
-            "SUB",
-        ])
-        .succeeded();
+        self.omnilife("leaderboard submit SCORES --card card.toml --out SUB")
+            .succeeded();
         // The other machine has the submission, and nothing beside it.
         let other = scratch();
         let moved = other.path().join("handed-in");
@@ -134,16 +126,8 @@ impl Road {
 }
 
 /// Returns a command that scores, with the further words.
-fn scoring<'a>(further: &[&'a str]) -> Vec<&'a str> {
-    let places = [
-        "bench",
-        "score",
-        "--scene",
-        "SCENE",
-        "--split",
-        "split.json",
-    ];
-    [&places, further].concat()
+fn scoring(further: &str) -> String {
+    format!("bench score --scene SCENE --split split.json {further}")
 }
 
 /// Writes slightly changed frames 4 and 9 of the scene into a folder.
@@ -164,28 +148,11 @@ fn write_views(scene: &Path, folder: &Path) {
 fn from_folders_of_views() {
     let road = Road::new();
     write_views(&road.scene, &road.at("VIEWS"));
-    road.omnilife(&[
-        "bench",
-        "validate",
-        "VIEWS",
-        "--scene",
-        "SCENE",
-        "--split",
-        "split.json",
-    ])
-    .succeeded();
-    let score = scoring(&[
-        "--novel-views",
-        "VIEWS",
-        "--about",
-        "card.toml",
-        "--training-seconds",
-        "612.5",
-        "--clock",
-        "gpu",
-        "--out",
-        "SCORES/mine",
-    ]);
+    road.omnilife("bench validate VIEWS --scene SCENE --split split.json")
+        .succeeded();
+    let score = scoring(
+        "--novel-views VIEWS --about card.toml --training-seconds 612.5 --clock gpu --out SCORES/mine",
+    );
     road.omnilife(&score).succeeded();
     let result: ResultRecord = store::read_record(&road.at("SCORES/mine/result.json")).unwrap();
     assert_eq!(result.training, Some(TrainingKind::PerScene));
@@ -208,19 +175,9 @@ fn from_an_external_method() {
     let manifest = "id = \"mine\"\n[train]\ncommand = [\"true\"]\n[render]\ncommand = [\"true\"]\n\
                     [predictions]\nnovel = \"{folder}/{frame:06}.png\"\n";
     fs::write(road.at("method/method.toml"), manifest).unwrap();
-    let external = [
-        "bench",
-        "external",
-        "method/method.toml",
-        "--scene",
-        "SCENE",
-        "--split",
-        "split.json",
-        "--out",
-        "RUN",
-    ];
-    road.omnilife(&external).succeeded();
-    let score = scoring(&["--run", "RUN", "--about", "card.toml", "--out", "SCORES"]);
+    let external = "bench external method/method.toml --scene SCENE --split split.json --out RUN";
+    road.omnilife(external).succeeded();
+    let score = scoring("--run RUN --about card.toml --out SCORES");
     road.omnilife(&score).succeeded();
     let result: ResultRecord = store::read_record(&road.at("SCORES/result.json")).unwrap();
     // The time was measured, the iterations are stated.
@@ -253,16 +210,7 @@ fn from_a_folder_of_arrays() {
         }
         fs::write(road.at(&format!("VIEWS/{name}.npy")), bytes).unwrap();
     }
-    let score = scoring(&[
-        "--novel-views",
-        "VIEWS",
-        "--method",
-        "mine",
-        "--class",
-        "without-training",
-        "--out",
-        "SCORES",
-    ]);
+    let score = scoring("--novel-views VIEWS --method mine --class without-training --out SCORES");
     road.omnilife(&score).succeeded();
     let table = road.reaches_the_leaderboard();
     assert!(table.contains("mine"));
@@ -272,27 +220,11 @@ fn from_a_folder_of_arrays() {
 fn what_is_not_what_was_scored_is_not_handed_in() {
     let road = Road::new();
     write_views(&road.scene, &road.at("VIEWS"));
-    let score = scoring(&[
-        "--novel-views",
-        "VIEWS",
-        "--method",
-        "mine",
-        "--out",
-        "SCORES",
-    ]);
+    let score = scoring("--novel-views VIEWS --method mine --out SCORES");
     road.omnilife(&score).succeeded();
     fs::copy(sample("masks/000000.png"), road.at("VIEWS/000004.png")).unwrap();
-    let submit = [
-        "--quiet",
-        "leaderboard",
-        "submit",
-        "SCORES",
-        "--card",
-        "card.toml",
-        "--out",
-        "SUB",
-    ];
-    let message = road.omnilife(&submit).failed_quietly(2).to_owned();
+    let submit = "--quiet leaderboard submit SCORES --card card.toml --out SUB";
+    let message = road.omnilife(submit).failed_quietly(2).to_owned();
     assert!(
         message.contains("000004.png") && message.contains("changed"),
         "{message}"
@@ -304,9 +236,9 @@ fn what_is_not_what_was_scored_is_not_handed_in() {
     let scored = road.omnilife(&score);
     assert_eq!(scored.code, Some(2));
     assert!(scored.stdout.starts_with("warning") || scored.stdout.starts_with("failed"));
-    let message = road.omnilife(&submit).failed_quietly(2).to_owned();
+    let message = road.omnilife(submit).failed_quietly(2).to_owned();
     assert!(message.contains("000009.png is missing"), "{message}");
-    road.omnilife(&[&submit[..], &["--with-failures"]].concat())
+    road.omnilife(&format!("{submit} --with-failures"))
         .succeeded();
 }
 
@@ -320,19 +252,11 @@ fn facts_that_a_record_has_are_not_stated_again() {
         ("--iterations", "30000", "iterations"),
         ("--seed", "4", "seed"),
     ] {
-        let words = [
-            "--quiet", "bench", "score", "--scene", "SCENE", "--out", "SCORES",
-        ];
         let split = small_run().out.join(SEQUENCE).join("per-scene/split.json");
-        let further = [
-            "--split",
-            split.to_str().unwrap(),
-            "--run",
-            run,
-            option,
-            value,
-        ];
-        let message = road.omnilife(&[&words[..], &further].concat());
+        let message = road.omnilife(&format!(
+            "--quiet bench score --scene SCENE --out SCORES --split {} --run {run} {option} {value}",
+            split.display()
+        ));
         let message = message.failed_quietly(2);
         assert!(
             message.contains("run.json") && message.contains(expected),

@@ -74,7 +74,6 @@ fn visible_points(pose: &Pose, points: &PointCloud, mask: &Mask) -> Vec<(usize, 
         .collect()
 }
 
-/// Returns the Pearson correlation of pairs.
 fn correlation(pairs: &[(f64, f64)]) -> f64 {
     let count = pairs.len() as f64;
     let mean_a = pairs.iter().map(|pair| pair.0).sum::<f64>() / count;

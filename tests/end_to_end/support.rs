@@ -31,7 +31,6 @@ pub(crate) const SEQUENCE: &str = "videos/street/seq-000";
 /// Folder of the method's run and scores in an output folder.
 pub(crate) const METHOD: &str = "videos/street/seq-000/per-scene/odgs";
 
-/// Returns a file of the sample in the repository.
 pub(crate) fn sample(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/data/street")
@@ -58,7 +57,6 @@ pub(crate) struct Ended {
 }
 
 impl Ended {
-    /// Checks that the command succeeded.
     #[track_caller]
     pub(crate) fn succeeded(self) -> Self {
         assert_eq!(self.code, Some(0), "{}\n{}", self.stdout, self.stderr);
@@ -283,7 +281,6 @@ pub(crate) fn read_image(path: &Path) -> RgbImage {
     image::open(path).unwrap().into_rgb8()
 }
 
-/// Small disk in memory.
 pub(crate) struct SmallDisk(TempDir);
 
 impl SmallDisk {
@@ -293,12 +290,10 @@ impl SmallDisk {
         mount(&format!("size={kibibytes}k"), folder.path()).then(|| Self(folder))
     }
 
-    /// Enlarges it.
     pub(crate) fn grow(&self) {
         assert!(mount("remount,size=64m", self.0.path()));
     }
 
-    /// Returns its folder.
     pub(crate) fn folder(&self) -> &Path {
         self.0.path()
     }

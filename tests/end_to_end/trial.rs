@@ -15,7 +15,6 @@ use crate::{
     writing_commands::{Inputs, WritingCommand, copy},
 };
 
-/// Returns the number in an environment variable.
 pub(crate) fn variable<T: std::str::FromStr>(name: &str) -> Option<T> {
     std::env::var(name).ok()?.parse().ok()
 }
@@ -95,12 +94,10 @@ impl Trial<'_> {
         through(wrapper, words)
     }
 
-    /// Starts the command.
     pub(crate) fn start(&self) -> Child {
         self.through(&[]).spawn().unwrap()
     }
 
-    /// Runs the command to its end.
     pub(crate) fn run(&self) -> Ended {
         self.run_through(&[])
     }

@@ -64,7 +64,6 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ("sweep submit", "needs Slurm: the tests of sweeps"),
 ];
 
-/// Command that writes.
 pub(crate) struct WritingCommand {
     /// Its words, where `OUT` stands for its folder.
     pub(crate) words: Vec<String>,
@@ -167,7 +166,6 @@ pub(crate) struct Inputs {
 }
 
 impl Inputs {
-    /// Makes all inputs.
     pub(crate) fn prepare() -> Self {
         let inputs = Self { folder: scratch() };
         // Other users read them too.
@@ -254,7 +252,6 @@ impl Inputs {
         commands
     }
 
-    /// Returns every command that writes.
     pub(crate) fn commands(&self) -> Vec<WritingCommand> {
         let extra = self.folder.path().display();
         // Rows of the trace at fixed iterations: their times differ between runs.

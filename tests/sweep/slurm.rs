@@ -105,7 +105,6 @@ impl Drop for Cluster {
     }
 }
 
-/// Returns the result of one method on one scene.
 fn result(scene: usize) -> ResultRecord {
     let score = Summary {
         mean: 20.0 + scene as f64 / 7.0,

@@ -11,7 +11,6 @@ use std::{
 use assert_cmd::cargo::cargo_bin;
 use tempfile::TempDir;
 
-/// Returns the binary with arguments.
 pub(crate) fn omnilife(arguments: &[&str]) -> Command {
     let mut command = Command::new(cargo_bin!("omnilife"));
     command.args(arguments);
@@ -49,7 +48,6 @@ impl Shell {
         command
     }
 
-    /// Returns a path in the folder.
     pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
@@ -96,7 +94,6 @@ impl Shell {
     }
 }
 
-/// Checks that a command succeeded, and returns its output.
 #[track_caller]
 pub(crate) fn succeeded(output: Output) -> String {
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();

@@ -132,7 +132,6 @@ struct PointRow<'a> {
 }
 
 impl<'a> PointRow<'a> {
-    /// Returns the end of a run.
     fn of_end(run: &'a TracedRun) -> Self {
         Self {
             scene: &run.scene,

@@ -82,7 +82,6 @@ pub struct Span {
     pub until_seconds: f64,
 }
 
-/// A moment of a run.
 #[derive(Debug, Clone, Copy)]
 struct Moment {
     seconds: f64,
@@ -104,7 +103,6 @@ fn moments(run: &TracedRun) -> Vec<Moment> {
     }
 }
 
-/// Returns the rows of a run with this quality.
 fn moments_of(run: &TracedRun, quality: fn(&TraceRow) -> Option<f64>) -> Vec<Moment> {
     let moment = |row: &TraceRow| {
         Some(Moment {

@@ -20,9 +20,7 @@ pub(crate) struct CurveRow {
     pub(crate) evaluation_seconds: f64,
     /// CPU time of the training steps so far, if the system reports it.
     pub(crate) cpu_seconds: Option<f64>,
-    /// Iterations done.
     pub(crate) iteration: u64,
-    /// Primitives of the model.
     #[serde(alias = "gaussians")]
     pub(crate) primitives: u64,
     /// Objects that move as one, if the model distinguishes any.
@@ -115,7 +113,6 @@ impl Trace {
     }
 }
 
-/// Reads the rows of a trace or a curve.
 pub(crate) fn read_rows(path: &Path) -> Result<Vec<CurveRow>, BenchError> {
     let text = std::fs::read(path).map_err(|source| StoreError::read(path, source))?;
     csv::Reader::from_reader(text.as_slice())

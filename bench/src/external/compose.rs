@@ -39,7 +39,6 @@ pub(super) fn view(
     images.pop().ok_or_else(|| "has no image".to_owned())
 }
 
-/// Reads an image, or a cell of it.
 fn part(source: &Path, cell: Option<Cell>) -> Result<RgbImage, String> {
     let image = RgbImage::read(source).map_err(|error| error.to_string())?;
     match cell {

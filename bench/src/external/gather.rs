@@ -15,7 +15,6 @@ use super::{
 };
 use crate::{error::BenchError, prediction, split};
 
-/// The gathered views.
 pub(super) struct GatheredViews {
     /// Relative to the run's folder.
     pub(super) files: Vec<String>,

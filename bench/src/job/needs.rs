@@ -36,7 +36,6 @@ impl ScoringJob {
             .filter(|metric| metric.needs.contains(&Need::ObjectMasks))
     }
 
-    /// Returns the available metrics.
     pub(crate) fn computed(&self) -> impl Iterator<Item = &'static Metric> {
         let metrics = self.metrics.iter();
         metrics

@@ -26,7 +26,6 @@ impl Face {
         (self.counted.as_ref()).is_none_or(|counted| counted[value / 3])
     }
 
-    /// Returns the number of pixels that count.
     pub(super) fn counted_pixels(&self) -> usize {
         match &self.counted {
             None => self.side * self.side,

@@ -46,9 +46,7 @@ pub struct Sample<'a> {
 /// Perceptual distances of a view to the one before it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TemporalLpips {
-    /// Predicted.
     pub(super) prediction: f64,
-    /// True.
     pub(super) truth: f64,
 }
 
@@ -79,13 +77,11 @@ impl<'a> Sample<'a> {
         self.dynamic.ok_or(Undefined("the frame has no mask"))
     }
 
-    /// Returns the mask of a class.
     pub(super) fn class(&self, name: &str) -> Result<&'a Mask, Undefined> {
         let mask = self.classes.get(name).copied();
         mask.ok_or(Undefined("the frame has no mask of the class"))
     }
 
-    /// Returns the depth.
     pub(super) fn depth(&self) -> Result<&'a DepthPair, Undefined> {
         self.depth.ok_or(Undefined("the frame has no depth"))
     }

@@ -70,7 +70,6 @@ impl ViewPair {
         self.counted.as_ref().map(|(counted, _)| counted.as_slice())
     }
 
-    /// Returns true if a pixel counts.
     pub(crate) fn counts(&self, pixel: usize) -> bool {
         self.counted().is_none_or(|counted| counted[pixel])
     }

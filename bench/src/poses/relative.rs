@@ -42,7 +42,6 @@ fn motion_error(reference: [&Pose; 2], estimated: [&Pose; 2]) -> Option<(f64, f6
     Some((degrees, true_step.distance(step)))
 }
 
-/// Returns the relative pose error between neighbouring frames.
 pub(super) fn neighbours(frames: &[FramePoses]) -> Option<RelativePoseError> {
     let errors: Vec<(f64, f64)> = frames
         .windows(2)

@@ -6,7 +6,6 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// Returns a scene of cameras.
 pub(crate) fn scene(poses: &[Option<Pose>]) -> Scene {
     let frame = |(number, &pose): (usize, &Option<Pose>)| {
         SceneFrame::new(format!("frames/{number:06}.png"), 0.5 * number as f64, pose)

@@ -18,14 +18,11 @@ use crate::{
     summary, truth,
 };
 
-/// LPIPS of a curve.
 const LPIPS: &str = "lpips-alex";
 
-/// Metric of a curve with its column.
 struct CurveMetric {
     /// Its id in [`crate::metrics::METRICS`].
     id: &'static str,
-    /// Returns the column.
     column: fn(&mut CurveRow) -> &mut Option<f64>,
 }
 

@@ -87,7 +87,6 @@ fn of_point<'a>(sweep: &'a StabilitySweep, point: &'a StabilityPoint) -> Row<'a>
     }
 }
 
-/// Returns a row that has measures alone.
 fn measured<'a>(backend: &'a str, measures: Option<&StabilityMeasures>) -> Row<'a> {
     type Number = fn(&StabilityMeasures) -> Option<f64>;
     let number = |of: Number| Some(format!("{:.1e}", measures.and_then(of)?));

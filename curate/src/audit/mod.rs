@@ -57,7 +57,6 @@ pub struct PageRequest<'a> {
     pub embedded_bytes: u64,
 }
 
-/// Data of the page.
 #[derive(Serialize)]
 struct PageData<'a> {
     /// Schema of the file that the page saves.
@@ -98,7 +97,6 @@ struct SegmentLabelEntry<'a> {
 /// A small image of a frame.
 #[derive(Debug, Clone, Serialize)]
 struct Image {
-    /// Index of the frame.
     frame: usize,
     /// JPEG as a data URL.
     url: String,

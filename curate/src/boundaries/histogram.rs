@@ -222,7 +222,6 @@ impl HistogramPass {
     }
 }
 
-/// Boundaries from the signals.
 fn decide(signals: &Signals) -> Result<Vec<Boundary>, MissingSignal> {
     let mut layouts = [[].as_slice(); LAYOUTS.len()];
     for (column, name) in layouts.iter_mut().zip(LAYOUTS) {

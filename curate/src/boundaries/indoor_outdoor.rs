@@ -146,7 +146,6 @@ fn latitude(row: usize, height: usize) -> f32 {
     (0.5 - (row as f32 + 0.5) / height as f32) * PI
 }
 
-/// Boundaries from the signals.
 fn decide(signals: &Signals) -> Result<Vec<Boundary>, MissingSignal> {
     let mut columns = [[].as_slice(); COLUMNS.len()];
     for (column, name) in columns.iter_mut().zip(COLUMNS) {

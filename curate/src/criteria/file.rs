@@ -34,7 +34,6 @@ struct CriteriaFile {
     thresholds: Thresholds,
 }
 
-/// Reads and checks a file of criteria.
 pub(super) fn read(path: &Path) -> Result<Criteria, CurateError> {
     let file: CriteriaFile = toml_file::read(path)?;
     let refuse = |reason: String| Err(CurateError::input(path, reason));

@@ -121,7 +121,6 @@ pub(super) struct UnusualFrames {
 }
 
 impl UnusualFrames {
-    /// Notes a frame by its name.
     pub(super) fn add(&mut self, name: &str, image: &FrameImage) {
         for (frames, is_one) in [
             (&mut self.transparent, image.is_transparent),

@@ -45,13 +45,11 @@ impl OwnRecord {
         }))
     }
 
-    /// Returns the record of a frame.
     fn frame(&self, frame: &ForeignFrame) -> Option<&SceneFrame> {
         let number = self.numbers.get(&frame.image)?;
         self.scene.frames.get(*number)
     }
 
-    /// Returns the times of frames.
     pub(super) fn times(&self, frames: &[ForeignFrame]) -> FrameTimes {
         // Readers of the record return no other frames.
         let known = frames.iter().filter_map(|frame| self.frame(frame));

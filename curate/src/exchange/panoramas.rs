@@ -10,7 +10,6 @@ use omnilife_schemas::camera::{Camera, ErpCamera};
 use super::{ForeignFrame, ForeignScene, Format};
 use crate::{error::CurateError, stills::Stills};
 
-/// The format.
 pub(super) const FORMAT: Format = Format {
     id: "panoramas",
     about: "still panoramas without poses, with the times, places and crops of their EXIF and GPano metadata",

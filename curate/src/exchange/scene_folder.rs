@@ -409,7 +409,6 @@ fn look_at_masks(
     Ok(())
 }
 
-/// Returns the one mask of a frame.
 fn given_mask(source: &Source<'_>, frame: &ForeignFrame) -> Result<Option<Mask>, CurateError> {
     let Some(found) = &frame.mask else {
         return Ok(None);

@@ -97,7 +97,6 @@ pub(super) fn line(command: &str, dataset: &str, sequence: &str) -> String {
     format!("omnilife {}", words.join(" "))
 }
 
-/// Returns a path as one word of a shell.
 fn shell_word(path: &str) -> String {
     let is_plain = |letter: char| letter.is_alphanumeric() || "/._-+@%,:=".contains(letter);
     if path.chars().all(is_plain) && !path.starts_with('-') && !path.is_empty() {

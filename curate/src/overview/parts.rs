@@ -28,14 +28,12 @@ const TAGS: u64 = 5;
 pub(super) struct Records {
     /// Folder relative to the dataset; `.` for the dataset's own.
     pub(super) folder: String,
-    /// Path of the same folder.
     pub(super) path: PathBuf,
     pub(super) sequence: Option<Sequence>,
     pub(super) scene: Option<Scene>,
     pub(super) annotation: Option<Annotation>,
     /// Masks that `curate masks` found.
     pub(super) found_masks: Option<Masks>,
-    /// Protocols with a split.
     splits: Vec<String>,
     has_dense_points: bool,
     is_in_dataset: bool,

@@ -32,7 +32,6 @@ struct Camera {
     begins: bool,
 }
 
-/// Path of a scene.
 pub(super) struct CameraPath {
     cameras: Vec<Camera>,
     /// Cameras far off all others, which are not drawn.

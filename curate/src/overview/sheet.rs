@@ -35,7 +35,6 @@ pub(super) struct Sheet {
     pub(super) fault: Option<String>,
 }
 
-/// Frame of a sheet.
 pub(super) struct SheetFrame {
     /// Number of the frame in its sequence.
     pub(super) number: usize,

@@ -105,7 +105,6 @@ pub fn attach(
     Ok(attached)
 }
 
-/// Refuses a scene that has poses.
 fn refuse_posed(scene_path: &Path, scene: &Scene) -> Result<(), CurateError> {
     let known = scene.frames.iter().filter(|frame| frame.pose.is_some());
     match known.count() {
@@ -120,7 +119,6 @@ fn refuse_posed(scene_path: &Path, scene: &Scene) -> Result<(), CurateError> {
     }
 }
 
-/// Reads poses for the frames of a scene.
 fn new_poses(
     path: &Path,
     given: &GivenTruth,

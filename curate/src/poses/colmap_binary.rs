@@ -43,7 +43,6 @@ pub(crate) const FILES: [&str; 3] = ["cameras.bin", "images.bin", "points3D.bin"
 const PINHOLE: i32 = 1;
 const EQUIRECTANGULAR: i32 = 17;
 
-/// Reads a binary model.
 pub(super) fn read([cameras, images, points]: &[PathBuf; 3]) -> Result<ModelParts, StoreError> {
     Ok(ModelParts {
         cameras: read_file(cameras, read_cameras)?,
@@ -167,7 +166,6 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// Reads a file to its end.
 pub(super) fn read_file<T>(
     path: &Path,
     read: impl FnOnce(&mut Bytes<'_>) -> Result<T, String>,

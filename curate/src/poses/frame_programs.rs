@@ -212,7 +212,6 @@ fn pose_file(out: &Path, command: &FrameCommand) -> Result<PathBuf, CurateError>
     }
 }
 
-/// Records a program as the source of its poses.
 pub(super) fn source_of_program(source: PoseSource, command: String) -> PoseSource {
     match source {
         PoseSource::Given { file } => PoseSource::Program {

@@ -3,7 +3,6 @@
 /// A column: its name, its types in Croissant's vocabulary, and its content.
 pub(super) type Column = (&'static str, &'static [&'static str], &'static str);
 
-/// A kind of table.
 pub(super) struct Kind {
     /// Name in the metadata and on hubs.
     pub(super) name: &'static str,

@@ -47,7 +47,6 @@ pub(super) struct Shard {
 /// One frame with all that belongs to it.
 struct Sample {
     key: String,
-    /// Endings with their files.
     files: Vec<(&'static str, PathBuf)>,
     json: Vec<u8>,
 }
@@ -55,7 +54,6 @@ struct Sample {
 /// Metadata of a frame.
 #[derive(Serialize)]
 struct Description<'a> {
-    /// Id of the sequence.
     sequence: &'a str,
     /// Its place among the frames of the sequence, from 0.
     frame: usize,
@@ -207,7 +205,6 @@ fn key(sequence: &str, frame: usize) -> String {
 }
 
 impl Sample {
-    /// Returns its size in an archive.
     fn archived_bytes(&self) -> Result<u64, CurateError> {
         let mut bytes = archived(self.json.len() as u64);
         for (_, file) in &self.files {

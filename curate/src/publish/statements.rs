@@ -10,11 +10,9 @@ use crate::error::CurateError;
 /// Answers by the key of their question; unanswered ones are not in it.
 pub(super) type Answers = Map<String, Value>;
 
-/// A question to the makers.
 pub(super) struct Question {
     /// Entry of `about.json`, at its top or among its statements.
     pub(super) key: &'static str,
-    /// Section of the datasheet.
     pub(super) section: &'static str,
     /// Property in `croissant.json`.
     pub(super) property: Option<&'static str>,

@@ -24,10 +24,8 @@ use crate::error::CurateError;
 
 type Cells = Vec<String>;
 
-/// A table with its content.
 pub(super) struct Table {
     pub(super) kind: &'static Kind,
-    /// Its file in the dataset.
     pub(super) file: String,
     pub(super) csv: String,
     /// Glob patterns of the images that it names.

@@ -10,7 +10,6 @@ use crate::{
     error::CurateError, frames, motion::pairs::choose_pairs, settings::FrameSelection, sharpness,
 };
 
-/// A planned sequence.
 pub(super) struct PlannedSequence {
     pub(super) name: String,
     pub(super) range: TimeRange,

@@ -139,7 +139,6 @@ impl Samples {
 }
 
 impl ShotSamples<'_> {
-    /// Samples in it.
     pub(super) fn count(&self) -> usize {
         self.range.len()
     }

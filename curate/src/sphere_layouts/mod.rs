@@ -165,7 +165,6 @@ pub(crate) fn stored_width(layout: SphereLayout, width: u32, stored: (u32, u32))
     (f64::from(stored.0) * share).ceil() as u32
 }
 
-/// Returns the projection of a layout.
 pub(crate) fn projection(layout: SphereLayout) -> VideoProjection {
     match layout {
         SphereLayout::StereoTopBottom => VideoProjection::ErpStereoTb,
@@ -203,7 +202,6 @@ pub(crate) fn stated(probe: &Probe) -> Option<SphereLayout> {
         .or_else(|| stated_half(probe))
 }
 
-/// Returns the half of the sphere that the container states.
 fn stated_half(probe: &Probe) -> Option<SphereLayout> {
     let spherical = probe.spherical.as_ref()?;
     if spherical.projection != "equirectangular" || !spherical.is_front_half {

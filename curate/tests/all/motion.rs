@@ -16,10 +16,7 @@ use omnilife_schemas::{
     camera::{CameraModel, ErpCamera},
     layout::DYNAMIC_MASKS_FOLDER,
     progress::Silent,
-    records::{
-        Admission, DetectedProjection, FrameEntry, FrameSet, OperatorFinding, Probe, Sampling,
-        Sequence, SourceVideo, TimeRange, VideoProjection,
-    },
+    records::{FrameEntry, OperatorFinding, Sequence},
     rgb::Mask,
     store,
 };
@@ -174,42 +171,7 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
             capture: None,
         }
     });
-    let sequence = Sequence {
-        id: "rendered/seq-000".to_owned(),
-        source: SourceVideo {
-            file_name: "rendered".to_owned(),
-            sha256: String::new(),
-            bytes: 0,
-        },
-        range: TimeRange::new(0.0, 2.0),
-        probe: Probe {
-            frames_per_second: 30.0,
-            duration_seconds: 2.0,
-            ..Probe::of_size([1024, 512])
-        },
-        projection: DetectedProjection {
-            projection: VideoProjection::Erp,
-            overridden: None,
-            evidence: Vec::new(),
-            disagreement: None,
-        },
-        admission: Admission {
-            profile: "none".to_owned(),
-            checks: Vec::new(),
-            admitted: true,
-            enforced: false,
-        },
-        frames: FrameSet {
-            width: 1024,
-            height: 512,
-            sampling: Sampling::MaxFrames(60),
-            resampling: "none".to_owned(),
-            converted_from: None,
-            entries: entries.collect(),
-            sharpest: None,
-        },
-        motion_frames: Vec::new(),
-    };
+    let sequence = Sequence::of_panoramas("rendered/seq-000", [1024, 512], entries.collect());
     store::write_record(&folder.join("sequence.json"), &sequence).unwrap();
 }
 

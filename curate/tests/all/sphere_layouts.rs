@@ -51,7 +51,6 @@ fn filtered(from: &Path, filter: &str, to: &Path) -> bool {
     status.is_ok_and(|status| status.success())
 }
 
-/// Frames of a curated video, and its sequence.
 fn frames(video: &Path, layout: Option<LayoutChoice>, notes: &Notes) -> (Vec<RgbImage>, Sequence) {
     let folder = video.with_extension("");
     let settings = CurateSettings {

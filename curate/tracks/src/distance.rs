@@ -83,7 +83,6 @@ pub(super) struct DistanceQuality {
     pub(super) reason: String,
     /// Relative standard deviation of a distance.
     pub(super) sigma: f64,
-    /// Warnings.
     pub(super) warnings: Vec<String>,
 }
 

@@ -72,7 +72,6 @@ pub(super) fn check_video(
 /// Samples of a scene that the frames of its video lie between.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Samples<'a> {
-    /// The scene.
     pub(super) scene: &'a Scene,
     /// Usable samples, in order of time.
     pub(super) views: &'a [PosedView],

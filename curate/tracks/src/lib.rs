@@ -114,7 +114,6 @@ struct TrackInputs {
     scene: Scene,
     /// Numbers of the usable frames.
     frames: Vec<u32>,
-    /// Those of them with a pose.
     views: Vec<PosedView>,
     /// Metres per unit of the world, if stated.
     known_scale: Option<f64>,
@@ -148,7 +147,6 @@ impl TrackInputs {
         })
     }
 
-    /// Returns the file of the tracks.
     fn record(&self, request: &TrackRequest) -> PathBuf {
         request.out.join(TRACKS_FILE)
     }
@@ -292,7 +290,6 @@ fn stage(stage: &str, method: &str, reason: String, begun: Stopwatch) -> TrackSt
     }
 }
 
-/// A run of tracking.
 struct Tracking<'a> {
     scene: &'a Scene,
     views: &'a [PosedView],
@@ -301,7 +298,6 @@ struct Tracking<'a> {
     plane: Plane,
     metres_per_unit: f64,
     request: &'a TrackRequest,
-    /// Warnings on the scene.
     warnings: Vec<String>,
 }
 

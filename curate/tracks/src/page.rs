@@ -69,7 +69,6 @@ pub(super) fn hue_degrees(id: u32) -> f64 {
     (f64::from(id) * 137.508) % 360.0
 }
 
-/// Returns a colour for each id.
 fn colour(id: u32) -> String {
     format!("hsl({}, 85%, 42%)", hue_degrees(id))
 }

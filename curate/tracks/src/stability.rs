@@ -33,7 +33,6 @@ impl Checked {
         Self { fault, error: None }
     }
 
-    /// Returns the measures of a row.
     fn measures(&self) -> Option<StabilityMeasures> {
         let [error, limit] = self.error?;
         Some(StabilityMeasures {

@@ -104,7 +104,6 @@ pub(crate) fn in_bytes(bytes: &[u8]) -> io::Result<Vec<(Kind, &[u8])>> {
         .collect())
 }
 
-/// Returns a box with this content.
 #[expect(clippy::arithmetic_side_effects, reason = "boxes of our own are short")]
 pub(crate) fn boxed(kind: Kind, content: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(content.len() + 8);

@@ -55,7 +55,6 @@ impl<'a> Plane<'a> {
         })
     }
 
-    /// Returns the number of rows.
     pub(super) fn rows(&self) -> usize {
         self.rows
     }

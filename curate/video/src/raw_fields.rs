@@ -174,14 +174,12 @@ impl CodecId {
         })
     }
 
-    /// Returns true if it is one of these.
     pub(crate) fn is_among(self, known: &[ffmpeg::codec::Id]) -> bool {
         known
             .iter()
             .any(|&id| ffi::AVCodecID::from(id) as c_uint == self.0)
     }
 
-    /// Returns FFmpeg's name of it.
     pub(crate) fn name(self) -> &'static str {
         // SAFETY: the function takes any integer and returns a static string.
         unsafe { static_name(avcodec_get_name(self.0)) }.unwrap_or(UNKNOWN)

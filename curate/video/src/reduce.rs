@@ -33,7 +33,6 @@ pub(super) struct Reduction {
 struct PlaneLayout {
     /// Luma samples per chroma sample, along rows and along columns.
     subsampling: [u32; 2],
-    /// Bytes of a sample.
     bytes: usize,
     /// The same format without subsampling, and as it is.
     full: PixelFormat,

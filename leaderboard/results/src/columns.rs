@@ -28,7 +28,6 @@ pub struct Column {
     pub name: &'static str,
     /// One line.
     pub about: &'static str,
-    /// Its values.
     pub(crate) values: Getter,
 }
 

@@ -16,7 +16,6 @@ pub(crate) struct Selected {
     pub(crate) step: Option<f64>,
 }
 
-/// Number of the row's result.
 pub(crate) const RESULT: &str = "result_number";
 
 /// Makes the frame of `loaded` results, the first of which has the number `first`. Its columns are
@@ -55,7 +54,6 @@ fn step_of(value: f64, step: f64) -> f64 {
     format!("{begin:.12e}").parse().unwrap_or(begin)
 }
 
-/// Builder of a column.
 struct Builder<'a> {
     selected: Selected,
     values: ColumnBuilder<'a>,

@@ -8,10 +8,8 @@ use omnilife_schemas::{
 
 use crate::{curve::CurvePoint, error::ResultsError, source::Source};
 
-/// One value.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Row<'a> {
-    /// Its result.
     pub(crate) source: &'a Source<'a>,
     /// `input` or `novel`.
     pub(crate) view: &'a str,
@@ -21,7 +19,6 @@ pub(crate) struct Row<'a> {
     pub(crate) region: &'static str,
     /// The object that it is of, where it is of one.
     pub(crate) object: Option<&'a ObjectResult>,
-    /// The score.
     pub(crate) value: f64,
     /// Views over which the value is taken.
     pub(crate) of: ValueOf,
@@ -45,7 +42,6 @@ pub(crate) enum ValueOf {
     Point(CurvePoint),
 }
 
-/// One view.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct View {
     pub(crate) frame: u32,

@@ -104,7 +104,6 @@ pub(super) struct Canvas {
     pub(super) lefts: Vec<usize>,
     /// Upper edges of the rows, and the height of their panels.
     pub(super) tops: Vec<(usize, usize)>,
-    /// Width of a panel.
     pub(super) panel_width: usize,
 }
 

@@ -18,7 +18,6 @@ use crate::{
 /// Maximum number of places side by side; others go to further tables.
 const PLACES: usize = 8;
 
-/// A layout of this kind.
 struct PlaceLayout {
     /// True if it has all metrics and, in its first column, the average over all places.
     with_average: bool,

@@ -21,7 +21,6 @@ pub(super) fn is_of(group: &Group<'_>) -> bool {
     is_protocol && group.has(ViewKind::Novel) && !group.has(ViewKind::Input)
 }
 
-/// Returns one table.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     if !is_of(group) {
         return Vec::new();

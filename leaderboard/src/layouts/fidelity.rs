@@ -19,7 +19,6 @@ use crate::{
 pub(super) struct FidelityLayout {
     /// Its content, the beginning of its title.
     pub(super) title: &'static str,
-    /// Its scores.
     pub(super) measures: &'static [Measure],
     /// Its counterparts in papers, of one protocol.
     pub(super) published: &'static [PublishedLayout],
@@ -32,7 +31,6 @@ pub(super) struct FidelityLayout {
 pub(super) struct Measure {
     /// Objects that it is of; `None` for whole images.
     pub(super) class: Option<ObjectClass>,
-    /// Id of the metric.
     pub(super) metric: &'static str,
     /// Direction of better scores.
     pub(super) direction: Option<Direction>,

@@ -33,7 +33,6 @@ use crate::{
 pub(crate) use by_scene::{REGION_METRICS, table as all_results};
 pub(crate) use order::{best_first, order_in_words, ranked_by, standings};
 
-/// A layout.
 pub(crate) struct Layout {
     /// Name of its files, and of its section on the site.
     pub(crate) id: &'static str,
@@ -197,7 +196,6 @@ pub(crate) fn common_notes(group: &Group<'_>) -> Vec<String> {
     notes
 }
 
-/// Returns the remarks of all results.
 pub(crate) fn remarks_of(group: &Group<'_>) -> Remarks {
     let rows: Vec<_> = group.scene_rows.iter().collect();
     Remarks::of(&rows)

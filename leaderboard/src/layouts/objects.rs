@@ -29,7 +29,6 @@ const LAYOUT: FidelityLayout = FidelityLayout {
            around; those are in the results as psnr-object-masked and ssim-object-masked.",
 };
 
-/// Returns one table.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     fidelity::tables(group, papers, &LAYOUT)
 }

@@ -36,7 +36,6 @@ const LAYOUT: FidelityLayout = FidelityLayout {
     note: "T-LPIPS is the better the nearer it is to that of the ground truth.",
 };
 
-/// Returns one table.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     fidelity::tables(group, papers, &LAYOUT)
 }

@@ -33,7 +33,6 @@ const LAYOUT: FidelityLayout = FidelityLayout {
     note: "SSIM and LPIPS are of the variants that the authors' code has.",
 };
 
-/// Returns one table.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     fidelity::tables(group, papers, &LAYOUT)
 }

@@ -10,7 +10,6 @@ use crate::{
 /// Published counterpart of a layout: tables of one paper.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PublishedLayout {
-    /// Id of the paper.
     pub(crate) paper: &'static str,
     /// Numbers of the tables in the paper.
     pub(crate) numbers: &'static [u32],
@@ -42,7 +41,6 @@ pub(crate) const ANCHORS: PublishedLayout = PublishedLayout {
     protocol: "published",
 };
 
-/// Note on all published figures.
 pub(crate) const NOT_COMPARABLE: &str = "Figures of other scenes, as their authors print them: not \
                                          comparable with what was measured here.";
 

@@ -32,7 +32,6 @@ pub(super) struct ComparisonImage {
     pub(super) view: String,
     /// Relative to the folder of scene pages.
     pub(super) file: String,
-    /// Its source file.
     pub(super) source: PathBuf,
     /// Width and height of one half in pixels.
     pub(super) half: [u32; 2],
@@ -55,7 +54,6 @@ impl ComparisonImage {
 /// The images of one scene, and the omissions.
 #[derive(Default)]
 pub(super) struct Comparisons {
-    /// By view.
     pub(super) by_view: BTreeMap<String, Vec<ComparisonImage>>,
     /// Views that have images, by protocol's hash.
     pub(super) views: BTreeMap<String, usize>,

@@ -116,7 +116,6 @@ struct Counts<'a> {
     rejected: usize,
     sequences: usize,
     scored: usize,
-    /// Videos by their number of sequences.
     per_video: BTreeMap<usize, u64>,
     /// File, outcome and reason.
     lost: Vec<(&'a str, &'static str, &'a str)>,

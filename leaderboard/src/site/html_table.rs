@@ -27,7 +27,6 @@ pub(super) struct Addition<'a> {
     pub(super) is_ranking: bool,
 }
 
-/// A page's additions to a row.
 #[derive(Default)]
 pub(super) struct RowAddition {
     /// Page of the first name, or of the second beside a rank.
@@ -116,7 +115,6 @@ impl Part<'_> {
         }
     }
 
-    /// Renders it with its tools.
     fn render(
         &self,
         addition: &Addition<'_>,
@@ -165,7 +163,6 @@ impl Part<'_> {
     }
 }
 
-/// Returns the choice of scores for ranking a table.
 fn ranking_choice(table: &Table, id: &str) -> Markup {
     let names = table.names.len();
     html! {
@@ -326,7 +323,6 @@ fn rank_value(rank: &str) -> &str {
     }
 }
 
-/// Returns a dash with its reason.
 fn dash(reason: &str) -> Markup {
     html! { span.dash title=(reason) { "–" span.visually-hidden { " " (reason) } } }
 }

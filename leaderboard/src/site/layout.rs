@@ -26,7 +26,6 @@ impl Place {
     }
 }
 
-/// Returns a whole page.
 pub(super) fn page(
     request: &SiteRequest<'_>,
     place: Place,
@@ -102,7 +101,6 @@ fn made_from(request: &SiteRequest<'_>) -> Markup {
     }
 }
 
-/// Returns the day of a time.
 fn date(time: &str) -> &str {
     time.split_once(' ').map_or(time, |(day, _)| day)
 }

@@ -2,7 +2,6 @@
 
 use omnilife_results::CurvePoint;
 
-/// A point of a mean curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct MeanPoint {
     /// Mean wall-clock time of the training steps so far.

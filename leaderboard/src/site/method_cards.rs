@@ -19,7 +19,6 @@ pub(super) fn render(cards: &[MethodCard], verifications: &Verifications) -> Mar
     }
 }
 
-/// Returns one card.
 pub(super) fn block(card: &MethodCard, verification: Option<&Verification>, open: bool) -> Markup {
     html! {
         details.card open[open] {

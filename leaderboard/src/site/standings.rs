@@ -55,14 +55,12 @@ pub(super) fn render(request: &SiteRequest<'_>, group: &Group<'_>, id: &str) -> 
     ))
 }
 
-/// Source of a column.
 enum Source {
     Score(usize),
     /// LPIPS without a result: the published one, or a missing measured variant.
     Unmeasured,
 }
 
-/// A column with its source.
 type ScoreColumn = (Source, Column);
 
 struct Columns {

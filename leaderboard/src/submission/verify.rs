@@ -202,7 +202,6 @@ mod tests {
 
     use super::*;
 
-    /// A change of a result's objects.
     type Change = fn(&mut ObjectResults);
 
     /// Returns a result with one vehicle in two views, of 20 and 30 dB.

@@ -210,7 +210,7 @@ impl AtlasDevice {
         let surfaces = self.surfaces(graph)?;
         for (chunk, out) in image.data.chunks_mut(3 * at_once).enumerate() {
             let pixels = chunk * at_once..chunk * at_once + out.len() / 3;
-            let rays = Rays::of_pixels(view, moment, pixels);
+            let rays = Rays::of_pixels(&view.camera, moment, pixels);
             let seen = graph.hits(&rays, &|_| true);
             let batch = Batch::new(graph, &rays, &seen, &Detail::FULL);
             let colours = surfaces.colours(&batch.borrowed())?;
@@ -242,7 +242,6 @@ impl AtlasDevice {
     }
 }
 
-/// Returns the nodes of a graph as surfaces.
 fn surfaces_of(graph: &Graph) -> Vec<NewSurface<'_>> {
     let nodes = graph.nodes.iter();
     nodes

@@ -9,13 +9,12 @@ use omnilife_engine::{
 use omnilife_schemas::{image_file::ImageFile, records::RunRecord, trajectory::GroundAxes};
 
 use super::{
-    clip::{camera_direction, pixel_centre},
     graph::Graph,
     initialize::background::BACKGROUND,
     insert,
     node::{FieldKind, Fields, LearntOffsets, Node, Overlay, Surface},
     outputs, paint,
-    render::{Moment, Rays},
+    render::Rays,
     saved,
     shade::Detail,
     unseen,
@@ -200,7 +199,6 @@ fn apply(graph: &mut Graph, edit: &Edit, folder: &Path, run: &RunRecord) -> Resu
     }
 }
 
-/// Checks the name of a new node.
 fn check_name(graph: &Graph, new: &str) -> Result<(), String> {
     let is_name = !new.is_empty() && !new.contains(['/', '\\', ':']);
     if is_name && graph.find(new).is_none() {
@@ -327,17 +325,7 @@ fn from_frame(
     let pixels: Vec<usize> = (0..width * height)
         .filter(|&pixel| painted.texels[pixel][3] > 0.0)
         .collect();
-    let rays = Rays {
-        moments: vec![Moment {
-            time: taken.time,
-            given: taken.pose,
-        }],
-        moment_of: vec![0; pixels.len()],
-        directions: pixels
-            .iter()
-            .map(|&pixel| camera_direction(&camera, pixel_centre(pixel, width)))
-            .collect(),
-    };
+    let rays = Rays::of_pixels(&camera, taken.moment(), pixels.iter().copied());
     let seen = graph.see(&rays, &Detail::FULL, false, &|number| number == node);
     let samples = &seen.samples[node];
     if samples.is_empty() {

@@ -289,7 +289,6 @@ fn add_fields_of(
     }
 }
 
-/// Returns the settings of a request.
 fn settings_of(request: &MethodRequest) -> Settings {
     let mut settings = Settings::new(request.seed);
     let size = |option: &MethodOption| request.options.word(option).and_then(FieldSize::named);

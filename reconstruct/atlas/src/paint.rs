@@ -142,10 +142,10 @@ mod tests {
 
     use super::*;
     use crate::{
-        clip::{UnitClock, camera_direction, pixel_centre},
+        clip::UnitClock,
         graph::Footage,
         node::{Fields, Overlay},
-        render::{Moment, Rays},
+        render::Rays,
         tests::field,
     };
 
@@ -209,16 +209,7 @@ mod tests {
     /// Returns the colours of all pixels of a frame.
     fn rendered(graph: &mut Graph, taken: &FootageFrame) -> Vec<DVec3> {
         let camera = graph.footage.camera;
-        let rays = Rays {
-            moments: vec![Moment {
-                time: taken.time,
-                given: taken.pose,
-            }],
-            moment_of: vec![0; WIDTH * HEIGHT],
-            directions: (0..WIDTH * HEIGHT)
-                .map(|pixel| camera_direction(&camera, pixel_centre(pixel, WIDTH)))
-                .collect(),
-        };
+        let rays = Rays::of_pixels(&camera, taken.moment(), 0..WIDTH * HEIGHT);
         let seen = graph.see(&rays, &Detail::FULL, false, &|_| true);
         seen.shaded[0]
             .shades

@@ -11,7 +11,7 @@ use omnilife_engine::surfaces::{
 use omnilife_schemas::records::ComponentDecision;
 
 use super::{
-    clip::{Clip, camera_direction, pixel_centre},
+    clip::Clip,
     graph::Graph,
     node::{Hit, Surface},
     pose_evidence::PoseAgreement,
@@ -251,7 +251,6 @@ fn noise(clip: &Clip) -> f64 {
 
 /// Compares the base textures with the clip.
 fn measure(clip: &Clip, graph: &mut Graph) -> Vec<NodeResiduals> {
-    let [width, _] = clip.size();
     let step = (clip.pixel_count() / LOOKED_AT).max(1);
     let base = Detail {
         kinds: [false; 4],
@@ -273,17 +272,11 @@ fn measure(clip: &Clip, graph: &mut Graph) -> Vec<NodeResiduals> {
         // An odd step, so that rows are met at different columns.
         let pixels = (0..clip.pixel_count()).step_by(step | 1);
         let pixels: Vec<usize> = pixels.filter(|&pixel| frame.shows_scene(pixel)).collect();
-        let rays = Rays {
-            moments: vec![Moment {
-                time: frame.time,
-                given: frame.pose,
-            }],
-            moment_of: vec![0; pixels.len()],
-            directions: pixels
-                .iter()
-                .map(|&pixel| camera_direction(&clip.camera, pixel_centre(pixel, width)))
-                .collect(),
+        let moment = Moment {
+            time: frame.time,
+            given: frame.pose,
         };
+        let rays = Rays::of_pixels(&clip.camera, moment, pixels.iter().copied());
         let seen = graph.see(&rays, &base, false, &|_| true);
         let mut in_frame = vec![[0_u32; 2]; clip.objects.len()];
         for (ray, &pixel) in pixels.iter().enumerate() {

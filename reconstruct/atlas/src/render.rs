@@ -1,10 +1,8 @@
 //! Colours of rays: hits with every node, the appearance there, layers.
 
-use std::ops::Range;
-
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use omnilife_engine::{
-    camera::View,
+    camera::{Camera, View},
     surfaces::{
         compose::{Layer, compose, sort},
         plane::Ray,
@@ -15,8 +13,8 @@ use omnilife_schemas::RgbImage;
 use rayon::prelude::*;
 
 use super::{
-    clip::{camera_direction, pose_of, ray_of},
-    graph::{Graph, Visibility},
+    clip::{camera_direction, pixel_centre, pose_of, ray_of},
+    graph::{FootageFrame, Graph, Visibility},
     shade::{Detail, Sample, Shading},
 };
 
@@ -78,22 +76,32 @@ impl RenderedRays {
     }
 }
 
+impl TakenFrame {
+    pub(super) fn moment(&self) -> Moment {
+        Moment {
+            time: self.time,
+            given: self.pose,
+        }
+    }
+}
+
 impl Rays {
-    /// Returns the rays of some pixels of a view, row-major.
-    pub(super) fn of_pixels(view: &View, moment: Moment, pixels: Range<usize>) -> Self {
-        let width = view.camera.width() as usize;
-        let direction = |pixel: usize| {
-            let at = [(pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5];
-            camera_direction(&view.camera, DVec2::from_array(at))
-        };
+    /// Returns the rays of some pixels of an image, row-major.
+    pub(super) fn of_pixels(
+        camera: &Camera,
+        moment: Moment,
+        pixels: impl IntoIterator<Item = usize>,
+    ) -> Self {
+        let width = camera.width() as usize;
+        let direction = |pixel| camera_direction(camera, pixel_centre(pixel, width));
+        let directions: Vec<DVec3> = pixels.into_iter().map(direction).collect();
         Self {
             moments: vec![moment],
-            moment_of: vec![0; pixels.len()],
-            directions: pixels.map(direction).collect(),
+            moment_of: vec![0; directions.len()],
+            directions,
         }
     }
 
-    /// Returns the times of the moments.
     pub(super) fn times(&self) -> Vec<f64> {
         self.moments.iter().map(|moment| moment.time).collect()
     }
@@ -120,7 +128,6 @@ impl Graph {
         seen
     }
 
-    /// Returns the moment of a view.
     pub(super) fn moment_of(&self, view: &View) -> Moment {
         Moment {
             time: self.clock.time(view.time_seconds),
@@ -194,7 +201,7 @@ impl Graph {
         let mut missed = 0;
         for (chunk, out) in image.data.chunks_mut(3 * RAYS).enumerate() {
             let pixels = chunk * RAYS..chunk * RAYS + out.len() / 3;
-            let rays = Rays::of_pixels(view, moment, pixels);
+            let rays = Rays::of_pixels(&view.camera, moment, pixels);
             let seen = self.see(&rays, &Detail::FULL, false, &is_shown);
             missed += seen.links.iter().filter(|links| links.is_empty()).count();
             out.par_chunks_exact_mut(3)

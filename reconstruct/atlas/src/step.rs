@@ -70,7 +70,6 @@ pub struct StepOutcome {
 /// Gradients by each node's pose at each moment, and by the camera's.
 pub type PoseGradients = (Vec<Vec<PoseGradient>>, Vec<PoseGradient>);
 
-/// Gradients of one ray.
 struct OfRay {
     loss: f64,
     squared_error: f64,

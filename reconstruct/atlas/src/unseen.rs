@@ -10,11 +10,10 @@ use omnilife_schemas::rgb::Mask;
 use omnilife_training::error::ReconstructError;
 
 use super::{
-    clip::{camera_direction, pixel_centre},
     graph::{FootageFrame, Graph},
     initialize::background::BACKGROUND,
     node::Surface,
-    render::{Moment, Rays},
+    render::Rays,
     saved,
     shade::Detail,
 };
@@ -98,16 +97,7 @@ fn visible_cells(
     let rays = |side: u32| (side * RAYS).div_ceil(longer).max(1);
     let camera = camera.resized(rays(camera.width()), rays(camera.height()));
     let [across, down] = [camera.width() as usize, camera.height() as usize];
-    let rays = Rays {
-        moments: vec![Moment {
-            time: frame.time,
-            given: frame.pose,
-        }],
-        moment_of: vec![0; across * down],
-        directions: (0..across * down)
-            .map(|pixel| camera_direction(&camera, pixel_centre(pixel, across)))
-            .collect(),
-    };
+    let rays = Rays::of_pixels(&camera, frame.moment(), 0..across * down);
     let seen = graph.see(&rays, &Detail::FULL, false, &|_| true);
     let mut cells = vec![None; across * down];
     let shades = &seen.shaded[number].shades;

@@ -190,7 +190,6 @@ struct Subject {
     width: u32,
     settings: TrainSettings,
     table: ParameterTable,
-    /// Number of trained arrays.
     arrays: usize,
 }
 

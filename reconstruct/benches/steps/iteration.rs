@@ -13,17 +13,12 @@ use crate::scene::{scene, target, view};
 
 /// State of one training iteration.
 pub(crate) struct Iteration {
-    /// The camera.
     pub(crate) view: View,
-    /// Raw parameters.
     pub(crate) table: ParameterTable,
-    /// Activated parameters.
     pub(crate) instant: ActivatedGaussians,
-    /// Gradient by the activated parameters.
     pub(crate) gradient: ActivatedGaussians,
     /// Renderer, forward and backward.
     pub(crate) renderer: Renderer,
-    /// The photometric loss.
     pub(crate) loss: Loss,
     /// Target image, RGB after RGB.
     pub(crate) target: Vec<f32>,

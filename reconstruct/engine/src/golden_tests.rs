@@ -5,7 +5,6 @@ use std::sync::LazyLock;
 use glam::DVec3;
 use serde_json::Value;
 
-/// Returns all golden values.
 pub(crate) fn golden() -> &'static Value {
     static GOLDEN: LazyLock<Value> = LazyLock::new(|| {
         let text = include_str!("../tests/golden/neural_atlas.json");

@@ -119,7 +119,6 @@ pub(super) fn of_poses(
 
 /// Scene that words refer to.
 pub(super) struct SceneContext<'a> {
-    /// Its file, for errors.
     pub(super) file: &'a Path,
     /// Times of all frames, seconds.
     pub(super) seconds: &'a [f64],

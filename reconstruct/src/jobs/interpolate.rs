@@ -181,7 +181,6 @@ impl<'a> Frames<'a> {
     }
 }
 
-/// Result of a group.
 struct GroupResult {
     row: GroupRow,
     files: Vec<String>,

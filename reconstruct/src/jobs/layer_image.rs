@@ -6,7 +6,6 @@ use omnilife_engine::camera::View;
 use omnilife_schemas::{RgbImage, Similarity, rgba, store::StoreError};
 use omnilife_training::{error::ReconstructError, models::OpenedModel};
 
-/// Image of a layer.
 pub(super) struct LayerImage {
     /// Its colours over black.
     over_black: RgbImage,

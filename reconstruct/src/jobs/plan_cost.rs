@@ -235,7 +235,6 @@ impl ScenePlan {
     }
 }
 
-/// Writes the row of a plan.
 fn row(name: &str, PlanCost { size, work }: &PlanCost) -> String {
     let of_work = |of: fn(&StepWork) -> u64| {
         work.as_ref()

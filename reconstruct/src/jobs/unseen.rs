@@ -25,7 +25,6 @@ const MOST_POINTS: usize = 200_000;
 /// Largest distance of a seen surface, in units of the distance of the input view's own.
 const TOLERANCE: f64 = 1.1;
 
-/// Input views with their surfaces.
 pub(super) struct InputViews {
     views: Vec<CoarseView>,
     points: Vec<DVec3>,
@@ -157,7 +156,6 @@ impl CoarseView {
         self.centre + self.distances[cell] * (self.to_world * self.camera.unproject(middle))
     }
 
-    /// Returns the weight of a cell.
     fn weight(&self, cell: usize) -> f64 {
         let [width, _] = self.camera.size();
         match self.camera {

@@ -53,7 +53,6 @@ const PLAIN: ChannelCase = ChannelCase {
     limits: LIMITS,
 };
 
-/// All cases of channels.
 pub(super) const CASES: &[ChannelCase] = &[
     ChannelCase {
         id: "harmonics-1",

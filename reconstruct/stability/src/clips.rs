@@ -25,7 +25,6 @@ const ITERATIONS: u64 = 12;
 const LONG_ITERATIONS: u64 = 3_000;
 pub(super) const FRAMES: u32 = 6;
 
-/// All cases of clips.
 pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "masks-empty",

@@ -65,7 +65,6 @@ pub(super) const CASES: &[SpecialCase] = &[
     },
 ];
 
-/// Number of splits.
 const SPLITS: usize = 4_000;
 /// Factor by which children are smaller (3DGS).
 const SHRINK: f64 = 1.6;

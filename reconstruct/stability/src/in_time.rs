@@ -15,7 +15,6 @@ const OF_MOTION: Case = Case {
     ..PLAIN
 };
 
-/// All cases of time.
 pub(super) const CASES: &[Case] = &[
     Case {
         id: "lifespan-0",

@@ -21,7 +21,6 @@ use crate::{
 const SIZE: [usize; 2] = [37, 19];
 const LAMBDA: f32 = 0.2;
 
-/// Returns all cases of losses.
 pub(super) fn all() -> impl Iterator<Item = &'static SpecialCase> {
     CASES.iter().chain(maps::CASES).chain(motion::CASES)
 }

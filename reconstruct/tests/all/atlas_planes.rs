@@ -144,7 +144,6 @@ fn turning_car() -> Clip {
     }
 }
 
-/// Returns points of the ground.
 fn ground_points() -> Vec<DVec3> {
     let place = |number: i32| {
         let at = |step: f64, side: f64| side * ((f64::from(number) * step).fract() - 0.5);

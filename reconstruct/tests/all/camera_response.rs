@@ -1,7 +1,5 @@
 //! The response of a camera: learnt with the Gaussians, recorded, resumed, and left alone where there is none.
 
-use std::fs;
-
 use omnilife_engine::step::camera_response::ResponseSettings;
 use omnilife_reconstruct::{
     components::{camera_response, exposure_compensation},
@@ -9,15 +7,13 @@ use omnilife_reconstruct::{
     options::Options,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
-    train::{Session, TrainingFiles, watch::WatchFiles},
 };
-use omnilife_schemas::progress::Silent;
 
 use crate::support::{
     balls,
     gains::brighten,
     novel_views::novel_psnr,
-    trained::{request, settings, train},
+    trained::{request, settings, train, whole_and_resumed},
 };
 
 /// Returns the gain of a frame's light.
@@ -42,7 +38,6 @@ fn with(components: &[&str], iterations: u64) -> MethodRequest {
     }
 }
 
-/// Returns the response in the settings of a record.
 fn recorded(outcome: &MethodOutcome<'_>) -> ResponseSettings {
     settings(outcome).response.unwrap()
 }
@@ -102,38 +97,14 @@ fn gains_of_an_estimate_are_where_a_response_begins() {
 #[test]
 fn a_run_that_learns_a_response_goes_on_to_the_bit() {
     let scene = dimming();
-    let folder = tempfile::tempdir().unwrap();
-    let run = |name: &str, every: u64| {
-        let folder = folder.path().join(name);
-        fs::create_dir_all(&folder).unwrap();
-        let files = TrainingFiles {
-            trace: folder.join("trace.csv"),
-            checkpoint: folder.join("checkpoint.bin"),
-            trace_views: None,
-            watch: WatchFiles::default(),
-            checkpoint_every: every,
-            inputs_sha256: "these".to_owned(),
-        };
-        if every == 0 {
-            let of_whole = folder.with_file_name("whole").join("checkpoint.bin");
-            fs::copy(of_whole, &files.checkpoint).unwrap();
-        }
-        let session = Session {
-            files: Some(files),
-            ..Session::without_files(&Silent)
-        };
-        let request = MethodRequest {
-            trace_every: Some(10),
-            ..with(&[camera_response::ID], 40)
-        };
-        let method = methods::find("odgs").unwrap();
-        let mut outcome = method.train(&scene, &request, &session).unwrap();
-        assert_eq!(outcome.training.state.resumed, u64::from(every == 0));
-        let model = outcome.learner.gaussians().unwrap().unwrap().clone();
-        (model, outcome.configuration)
+    let request = MethodRequest {
+        trace_every: Some(10),
+        ..with(&[camera_response::ID], 40)
     };
-    // The first run's only checkpoint is the start of the second.
-    let [whole, resumed] = [run("whole", 25), run("resumed", 0)];
+    let [whole, resumed] = whole_and_resumed(&scene, "odgs", &request, |outcome| {
+        let model = outcome.learner.gaussians().unwrap().unwrap().clone();
+        (model, outcome.configuration.clone())
+    });
     let response = whole.0.response.as_ref().unwrap();
     // From iteration 4 of 40.
     assert_eq!(response.shared.steps, 37);

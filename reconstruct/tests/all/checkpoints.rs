@@ -13,11 +13,11 @@ use omnilife_reconstruct::{
     options::Options,
     request::MethodRequest,
     scene::TrainingScene,
-    train::{Session, TrainingFiles, watch::WatchFiles},
+    train::{Session, TrainingFiles},
 };
 use omnilife_schemas::progress::{Progress, Silent};
 
-use crate::support::balls;
+use crate::support::{balls, trained::files};
 
 const ITERATIONS: u64 = 120;
 const EVERY: u64 = 50;
@@ -28,17 +28,6 @@ fn request() -> MethodRequest {
         // Rows at equal ratios of time differ from run to run.
         trace_every: Some(20),
         ..MethodRequest::new(ITERATIONS, 3)
-    }
-}
-
-fn files(folder: &Path) -> TrainingFiles {
-    TrainingFiles {
-        trace: folder.join("trace.csv"),
-        checkpoint: folder.join("checkpoint.bin"),
-        trace_views: None,
-        watch: WatchFiles::default(),
-        checkpoint_every: EVERY,
-        inputs_sha256: "these inputs".to_owned(),
     }
 }
 
@@ -83,11 +72,11 @@ fn whole_run(scene: &TrainingScene, folder: &Path) -> (Model, Vec<[Option<f64>; 
     fs::create_dir(&interrupted).unwrap();
     let copy = CopyAt {
         iteration: EVERY + 5,
-        from: files(folder).checkpoint,
-        to: files(&interrupted).checkpoint,
+        from: files(folder, EVERY).checkpoint,
+        to: files(&interrupted, EVERY).checkpoint,
         done: AtomicU64::new(0),
     };
-    let mut whole = train(scene, &request(), files(folder), &copy).unwrap();
+    let mut whole = train(scene, &request(), files(folder, EVERY), &copy).unwrap();
     let trace = losses(&whole);
     let model = whole.learner.gaussians().unwrap().unwrap().clone();
     (model, trace, interrupted)
@@ -105,7 +94,7 @@ fn a_continued_run_gives_the_same_bits() {
     let scene = balls::scene();
     let folder = tempfile::tempdir().unwrap();
     let (whole, trace, interrupted) = whole_run(&scene, folder.path());
-    let mut continued = train(&scene, &request(), files(&interrupted), &Silent).unwrap();
+    let mut continued = train(&scene, &request(), files(&interrupted, EVERY), &Silent).unwrap();
     assert_eq!(continued.training.state.resumed, 1);
     let warning = &continued.training.warnings[0];
     assert!(warning.contains("iteration 50 of 120"), "{warning}");
@@ -126,7 +115,7 @@ fn a_continued_run_gives_the_same_bits() {
             one.name
         );
     }
-    let rows = fs::read_to_string(files(&interrupted).trace).unwrap();
+    let rows = fs::read_to_string(files(&interrupted, EVERY).trace).unwrap();
     assert_eq!(rows.lines().count(), trace.len() + 1, "{rows}");
     assert!(rows.starts_with("wall_seconds,") && rows.contains(",refused_sh_rest\n"));
 }
@@ -138,7 +127,7 @@ fn a_checkpoint_of_another_run_is_not_continued_and_that_is_said() {
     let (_, _, interrupted) = whole_run(&scene, folder.path());
     let other_inputs = TrainingFiles {
         inputs_sha256: "another scene".to_owned(),
-        ..files(&interrupted)
+        ..files(&interrupted, EVERY)
     };
     let outcome = train(&scene, &request(), other_inputs, &Silent).unwrap();
     let warning = &outcome.training.warnings[0];
@@ -154,11 +143,11 @@ fn a_damaged_checkpoint_is_refused_with_the_reason() {
     let scene = balls::scene();
     let folder = tempfile::tempdir().unwrap();
     let (_, _, interrupted) = whole_run(&scene, folder.path());
-    let path = files(&interrupted).checkpoint;
+    let path = files(&interrupted, EVERY).checkpoint;
     let whole = fs::read(&path).unwrap();
     let refused = |bytes: Vec<u8>| {
         fs::write(&path, &bytes).unwrap();
-        let outcome = train(&scene, &request(), files(&interrupted), &Silent);
+        let outcome = train(&scene, &request(), files(&interrupted, EVERY), &Silent);
         let message = outcome.map(drop).unwrap_err().to_string();
         assert!(
             message.starts_with(&path.display().to_string()) && message.contains("begin anew"),

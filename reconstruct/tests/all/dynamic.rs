@@ -1,7 +1,5 @@
 //! Methods for dynamic scenes as a whole: a ball that passes, its masks, and awkward clips.
 
-use std::fs;
-
 use glam::Vec3;
 use omnilife_engine::{
     camera::View,
@@ -10,10 +8,7 @@ use omnilife_engine::{
         deformable::{DEFORMATION_WEIGHTS, Deformation, DeformationModel},
         static_gaussians::{self, InitialGaussians},
     },
-    model::{
-        Model,
-        layers::{Layer, LayerRenderer},
-    },
+    model::layers::{Layer, LayerRenderer},
     parameters::{SharedParameters, adam},
     training_view::TrainingView,
 };
@@ -22,11 +17,11 @@ use omnilife_reconstruct::{
     options::Options,
     request::{MethodRequest, PlanChoice},
     scene::TrainingScene,
-    train::{Session, TrainingFiles, watch::WatchFiles},
+    train::Session,
 };
 use omnilife_schemas::{points::PointCloud, progress::Silent};
 
-use crate::support::trained::{request, settings, train};
+use crate::support::trained::{request, settings, train, whole_and_resumed};
 
 use crate::support::moving_ball;
 
@@ -285,46 +280,13 @@ fn times_that_do_not_increase_are_refused() {
     assert!(message.contains("frame 3 is at 1 s"), "{message}");
 }
 
-/// Returns the model of a whole run of 40 iterations, and of one that resumes from its checkpoint at 25.
-fn whole_and_resumed(method: &str) -> [Model; 2] {
-    let scene = moving_ball::scene();
-    let folder = tempfile::tempdir().unwrap();
-    let files = |name: &str, every: u64| {
-        fs::create_dir_all(folder.path().join(name)).unwrap();
-        TrainingFiles {
-            trace: folder.path().join(name).join("trace.csv"),
-            checkpoint: folder.path().join(name).join("checkpoint.bin"),
-            trace_views: None,
-            watch: WatchFiles::default(),
-            checkpoint_every: every,
-            inputs_sha256: "these".to_owned(),
-        }
-    };
-    // The first run's only checkpoint is the start of the second.
-    [("whole", 25), ("resumed", 0)].map(|(name, every)| {
-        let files = files(name, every);
-        if name == "resumed" {
-            fs::copy(
-                folder.path().join("whole/checkpoint.bin"),
-                &files.checkpoint,
-            )
-            .unwrap();
-        }
-        let session = Session {
-            files: Some(files),
-            ..Session::without_files(&Silent)
-        };
-        let method = methods::find(method).unwrap();
-        let mut outcome = method.train(&scene, &few_gaussians(40), &session).unwrap();
-        assert_eq!(outcome.training.state.resumed, u64::from(name == "resumed"));
-        outcome.learner.gaussians().unwrap().unwrap().clone()
-    })
-}
-
 #[test]
 fn an_interrupted_run_goes_on_to_the_bit() {
     for method in ["periodic", "deformable"] {
-        let [whole, resumed] = whole_and_resumed(method);
+        let (scene, request) = (moving_ball::scene(), few_gaussians(40));
+        let [whole, resumed] = whole_and_resumed(&scene, method, &request, |outcome| {
+            outcome.learner.gaussians().unwrap().unwrap().clone()
+        });
         assert!(whole == resumed, "{method}");
         if let Some(weights) = whole.parts[0].parameterization.shared() {
             // Warm-up takes 3 of 40 iterations.

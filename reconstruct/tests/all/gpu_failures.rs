@@ -24,11 +24,11 @@ use omnilife_reconstruct::{
     learner::gaussians::GaussianLearner,
     scene::TrainingScene,
     seeds::points,
-    train::{self, LoopSettings, Session, TrainingFiles, TrainingOutcome, watch::WatchFiles},
+    train::{self, LoopSettings, Session, TrainingOutcome},
 };
 use omnilife_schemas::{Classified, ErrorKind, points::PointCloud, progress::Progress};
 
-use crate::support::{balls, device};
+use crate::support::{balls, device, trained::files};
 
 const ITERATIONS: u64 = 30;
 const CHECKPOINT_EVERY: u64 = 10;
@@ -101,17 +101,6 @@ fn settings() -> TrainSettings {
     }
 }
 
-fn files(folder: &Path) -> TrainingFiles {
-    TrainingFiles {
-        trace: folder.join("trace.csv"),
-        trace_views: None,
-        watch: WatchFiles::default(),
-        checkpoint: folder.join("checkpoint.bin"),
-        checkpoint_every: CHECKPOINT_EVERY,
-        inputs_sha256: "these inputs".to_owned(),
-    }
-}
-
 fn run(
     scene: &TrainingScene,
     learner: &mut GaussianLearner<'_>,
@@ -119,7 +108,7 @@ fn run(
     progress: &dyn Progress,
 ) -> Result<TrainingOutcome, ReconstructError> {
     let session = Session {
-        files: Some(files(folder)),
+        files: Some(files(folder, CHECKPOINT_EVERY)),
         ..Session::without_files(progress)
     };
     train::train(scene, learner, LoopSettings::from(&settings()), &session)

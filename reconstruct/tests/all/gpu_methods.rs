@@ -30,9 +30,7 @@ const STEPS: u64 = 50;
 /// Maximum relative difference of the sum of all steps' losses: the same as for that of four steps.
 const LOSS_LIMIT: f64 = 2e-3;
 
-/// Result of a run.
 struct Run {
-    /// Losses of all steps.
     losses: Vec<f64>,
     gaussians: Vec<u64>,
     psnr_db: f64,

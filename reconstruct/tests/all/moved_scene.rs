@@ -100,7 +100,6 @@ impl Trained {
     }
 }
 
-/// Writes the scene into a folder and trains on it.
 fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
     let folder = tempfile::tempdir().unwrap();
     let made = balls::scene();

@@ -290,7 +290,6 @@ enum OtherComponents {
     OfPlanFull,
 }
 
-/// The runs of one method.
 struct Walk<'a> {
     method: &'static Method,
     cases: &'a [Case],
@@ -303,7 +302,6 @@ impl Walk<'_> {
         [self.method.components, self.method.optional_components].concat()
     }
 
-    /// Returns a request with or without a component.
     fn request(
         &self,
         number: usize,

@@ -1,7 +1,5 @@
 //! Inaccurate poses: detected, refined, and left alone where they are exact.
 
-use std::fs;
-
 use glam::{Vec3, vec3};
 use omnilife_engine::{
     camera::{View, pose::PoseCorrection},
@@ -10,17 +8,15 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     evidence::pilot::PilotFit,
-    methods::{self, MethodOutcome},
+    methods::MethodOutcome,
     options::Options,
     request::{MethodRequest, PlanChoice},
     scene::TrainingScene,
-    train::{Session, TrainingFiles, watch::WatchFiles},
 };
-use omnilife_schemas::progress::Silent;
 
 use crate::support::{
     novel_views::novel_psnr,
-    trained::{request, settings, train},
+    trained::{request, settings, train, whole_and_resumed},
 };
 
 use crate::support::{balls, moving_ball};
@@ -223,42 +219,18 @@ fn exact_poses_are_left_alone() {
 fn a_run_that_refines_poses_goes_on_to_the_bit() {
     let scenes = [moving_ball::scene(), balls::scene()].map(disturbed);
     for scene in &scenes {
-        let folder = tempfile::tempdir().unwrap();
-        let run = |name: &str, every: u64| {
-            let folder = folder.path().join(name);
-            fs::create_dir_all(&folder).unwrap();
-            let files = TrainingFiles {
-                trace: folder.join("trace.csv"),
-                checkpoint: folder.join("checkpoint.bin"),
-                trace_views: None,
-                watch: WatchFiles::default(),
-                checkpoint_every: every,
-                inputs_sha256: "these".to_owned(),
-            };
-            if every == 0 {
-                let of_whole = folder.with_file_name("whole").join("checkpoint.bin");
-                fs::copy(of_whole, &files.checkpoint).unwrap();
-            }
-            let session = Session {
-                files: Some(files),
-                ..Session::without_files(&Silent)
-            };
-            let method = methods::find("omni4dgs-plus").unwrap();
-            let request = MethodRequest {
-                trace_every: Some(10),
-                ..request(40)
-            };
-            let mut outcome = method.train(scene, &request, &session).unwrap();
-            assert_eq!(outcome.training.state.resumed, u64::from(every == 0));
+        let request = MethodRequest {
+            trace_every: Some(10),
+            ..request(40)
+        };
+        let [whole, resumed] = whole_and_resumed(scene, "omni4dgs-plus", &request, |outcome| {
             let scores = outcome.training.state.trace.iter();
             let scores: Vec<f64> = scores.filter_map(|point| point.train_psnr_db).collect();
             (
                 outcome.learner.gaussians().unwrap().unwrap().clone(),
                 scores,
             )
-        };
-        // The first run's only checkpoint is the start of the second.
-        let [whole, resumed] = [run("whole", 25), run("resumed", 0)];
+        });
         let steps: u64 = whole.0.poses.as_ref().unwrap().steps.iter().sum();
         // From iteration 2 of 40.
         assert_eq!(steps, 39);

@@ -217,7 +217,6 @@ impl DeviceTwin for Drifting {
     }
 }
 
-/// Drifting Gaussians of a part.
 #[derive(Debug)]
 struct DriftingPart {
     still: Box<dyn DeviceParameterization>,

@@ -13,7 +13,6 @@ use omnilife_schemas::{points::PointCloud, progress::Silent, records::ComponentD
 
 use crate::support::{balls, novel_views};
 
-/// Returns the decision on open sky.
 fn sky<'o>(outcome: &'o MethodOutcome<'_>) -> &'o ComponentDecision {
     let mut plan = outcome.findings.plan.iter();
     plan.find(|part| part.component == "sky-shell").unwrap()

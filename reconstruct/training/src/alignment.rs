@@ -112,7 +112,6 @@ pub struct Alignment {
 
 /// Difference of an image from a point of a template.
 struct Difference {
-    /// Number of the point.
     point: usize,
     /// Differences of the channels without their bias.
     values: [f64; CHANNELS],

@@ -31,6 +31,42 @@ pub struct Sequence {
 }
 
 impl Sequence {
+    /// Makes a sequence of panoramas of this size (width, height) that were not cut from a video.
+    pub fn of_panoramas(id: &str, [width, height]: [u32; 2], entries: Vec<FrameEntry>) -> Self {
+        Self {
+            id: id.to_owned(),
+            source: SourceVideo {
+                file_name: id.to_owned(),
+                sha256: String::new(),
+                bytes: 0,
+            },
+            range: TimeRange::new(0.0, entries.last().map_or(0.0, |last| last.time_seconds)),
+            probe: Probe::of_size([width, height]),
+            projection: DetectedProjection {
+                projection: VideoProjection::Erp,
+                overridden: None,
+                evidence: Vec::new(),
+                disagreement: None,
+            },
+            admission: Admission {
+                profile: "none".to_owned(),
+                checks: Vec::new(),
+                admitted: true,
+                enforced: false,
+            },
+            frames: FrameSet {
+                width,
+                height,
+                sampling: Sampling::MaxFrames(entries.len() as u32),
+                resampling: "none".to_owned(),
+                converted_from: None,
+                entries,
+                sharpest: None,
+            },
+            motion_frames: Vec::new(),
+        }
+    }
+
     /// Returns whether its frames are perspective images. The evidence alone never makes a sequence of such a video;
     /// a user has to state it.
     pub fn is_pinhole(&self) -> bool {

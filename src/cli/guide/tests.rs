@@ -11,8 +11,8 @@ fn every_command_has_examples_that_parse() {
     assert_eq!(examples.len(), EXAMPLES.len(), "a command is there twice");
     let commands: BTreeSet<String> = all_words(&Cli::command()).into_iter().collect();
     assert_eq!(examples, commands);
-    for (of, lines) in EXAMPLES {
-        for line in *lines {
+    for (of, lines) in &*EXAMPLES {
+        for line in lines {
             assert!(line.starts_with(of), "{line} is no example of {of}");
             let line = line.split(" > ").next().unwrap_or(line);
             let line = line.replace("\"out of memory\"", "memory");

@@ -86,7 +86,6 @@ impl Hostile {
         self.word(name)
     }
 
-    /// Copies the sequence and changes one of its records.
     pub(super) fn sequence(
         &self,
         name: &str,

@@ -37,12 +37,12 @@ struct Attempt<'a> {
 impl Attempt<'_> {
     /// Runs a command, in whose words `SCENE`, `SPLIT` and so on are filled in. It has to end with one of these exit
     /// codes, in one line where it fails. Returns its output, errors last.
-    fn ends(&mut self, words: &[&str], codes: &[i32]) -> String {
+    fn ends(&mut self, words: &str, codes: &[i32]) -> String {
         self.ends_under("", words, codes)
     }
 
     /// Runs [`Attempt::ends`] under a limit of the shell, such as `ulimit -v 3000000`.
-    fn ends_under(&mut self, limit: &str, words: &[&str], codes: &[i32]) -> String {
+    fn ends_under(&mut self, limit: &str, words: &str, codes: &[i32]) -> String {
         let script = if limit.is_empty() {
             "exec \"$0\" \"$@\"".to_owned()
         } else {
@@ -54,7 +54,7 @@ impl Attempt<'_> {
             .args(["--signal=KILL", &seconds, "sh", "-c", &script])
             .arg(cargo_bin!("omnilife"))
             .arg("--quiet")
-            .args(words.iter().map(|word| self.filled(word)))
+            .args(words.split(' ').map(|word| self.filled(word)))
             .current_dir(self.hostile.path(""))
             .env_remove("OMNILIFE_SFM_PYTHON")
             .env("OMNILIFE_DATA", "/nonexistent")
@@ -62,26 +62,25 @@ impl Attempt<'_> {
             .output()
             .unwrap();
         let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-        let shown = words.join(" ");
         let code = output.status.code();
         self.codes
             .push(code.map_or_else(|| "killed".to_owned(), |code| code.to_string()));
         self.expect(
             code.is_some_and(|code| codes.contains(&code)),
             &format!(
-                "{shown}: {code:?} after {:.1} s: {errors}",
+                "{words}: {code:?} after {:.1} s: {errors}",
                 begun.elapsed().as_secs_f64()
             ),
         );
         let lines = errors.lines().count();
         self.expect(
             lines == usize::from(code != Some(0)),
-            &format!("{shown}: {lines} lines: {errors}"),
+            &format!("{words}: {lines} lines: {errors}"),
         );
         self.expect(!errors.contains("mistake of this program"), &errors);
         self.expect(
             !errors.contains('\u{1b}'),
-            &format!("{shown}: shows control characters"),
+            &format!("{words}: shows control characters"),
         );
         format!("{}{errors}", String::from_utf8_lossy(&output.stdout))
     }

@@ -15,8 +15,8 @@ pub(super) const DEFECTS: &[Defect] = &[
         id: "D1",
         about: "Matroska with colours that are not members of FFmpeg's enumerations",
         try_again: |attempt| {
-            attempt.ends(&["curate", "probe", "colour-trc.mkv"], &[0]);
-            attempt.ends(&["curate", "projection", "colour-matrix.mkv"], &[0]);
+            attempt.ends("curate probe colour-trc.mkv", &[0]);
+            attempt.ends("curate projection colour-matrix.mkv", &[0]);
             for (name, from) in [
                 ("a.mkv", "plain.mkv"),
                 ("b.mkv", "colour-trc.mkv"),
@@ -27,18 +27,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                     .write(&format!("three/{name}"), attempt.hostile.read(from));
             }
             attempt.ends(
-                &[
-                    "curate",
-                    "three",
-                    "--criteria",
-                    "none",
-                    "--accept",
-                    "erp",
-                    "--width",
-                    "32",
-                    "--out",
-                    "d1",
-                ],
+                "curate three --criteria none --accept erp --width 32 --out d1",
                 &[0],
             );
             for name in ["a", "b", "c"] {
@@ -55,8 +44,8 @@ pub(super) const DEFECTS: &[Defect] = &[
         about: "raw video whose rows run upwards",
         try_again: |attempt| {
             for video in ["bottom-up.avi", "bottom-up-grey.avi"] {
-                attempt.ends(&["curate", "projection", video], &[0]);
-                attempt.ends(&["curate", "boundaries", video], &[0]);
+                attempt.ends(&format!("curate projection {video}"), &[0]);
+                attempt.ends(&format!("curate boundaries {video}"), &[0]);
             }
         },
     },
@@ -64,19 +53,8 @@ pub(super) const DEFECTS: &[Defect] = &[
         id: "D3",
         about: "a gap of 3e9 s between frames",
         try_again: |attempt| {
-            let words = [
-                "curate",
-                "gap.mkv",
-                "--criteria",
-                "none",
-                "--accept",
-                "erp",
-                "--fps",
-                "5",
-                "--out",
-                "d3",
-            ];
-            attempt.ends_under("ulimit -v 4000000", &words, &[0]);
+            let words = "curate gap.mkv --criteria none --accept erp --fps 5 --out d3";
+            attempt.ends_under("ulimit -v 4000000", words, &[0]);
         },
     },
     Defect {
@@ -91,22 +69,11 @@ pub(super) const DEFECTS: &[Defect] = &[
                 });
             let split = format!("{folder}/per-scene/split.json");
             attempt.ends(
-                &[
-                    "reconstruct",
-                    "train",
-                    "SCENE",
-                    "--split",
-                    &split,
-                    "--out",
-                    "d9",
-                ],
+                &format!("reconstruct train SCENE --split {split} --out d9"),
                 &[2],
             );
             attempt.ends(
-                &[
-                    "bench", "score", "--scene", "SCENE", "--split", &split, "--run", "RUN",
-                    "--out", "d9",
-                ],
+                &format!("bench score --scene SCENE --split {split} --run RUN --out d9"),
                 &[2],
             );
         },
@@ -115,17 +82,7 @@ pub(super) const DEFECTS: &[Defect] = &[
         id: "D10",
         about: "a playlist named .mp4",
         try_again: |attempt| {
-            attempt.ends(
-                &[
-                    "curate",
-                    "playlist.mp4",
-                    "--criteria",
-                    "none",
-                    "--out",
-                    "d10",
-                ],
-                &[2],
-            );
+            attempt.ends("curate playlist.mp4 --criteria none --out d10", &[2]);
         },
     },
     Defect {
@@ -142,15 +99,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                 });
                 let out = format!("d11-{name}");
                 attempt.ends(
-                    &[
-                        "curate",
-                        "export",
-                        &folder,
-                        "--format",
-                        "nerfstudio",
-                        "--out",
-                        &out,
-                    ],
+                    &format!("curate export {folder} --format nerfstudio --out {out}"),
                     &[2],
                 );
                 attempt.expect(
@@ -158,12 +107,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                     &format!("{out} is there"),
                 );
             }
-            attempt.ends(
-                &[
-                    "curate", "export", "SEQUENCE", "--format", "colmap", "--out", "model",
-                ],
-                &[0],
-            );
+            attempt.ends("curate export SEQUENCE --format colmap --out model", &[0]);
             let points = "1 1e39 0 0 255 0 0 0\n";
             let found = attempt
                 .hostile
@@ -172,10 +116,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                 .hostile
                 .write(&format!("model/{}", found[0]), points);
             attempt.ends(
-                &[
-                    "curate", "import", "model", "--format", "colmap", "--fps", "10", "--out",
-                    "d11",
-                ],
+                "curate import model --format colmap --fps 10 --out d11",
                 &[2],
             );
         },
@@ -189,15 +130,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                 .hostile
                 .write("bomb/frames/000000.png", bomb(12_000));
             let scene = format!("{folder}/scene.json");
-            let words = [
-                "reconstruct",
-                "train",
-                &scene,
-                "--split",
-                "SPLIT",
-                "--out",
-                "d12",
-            ];
+            let words = format!("reconstruct train {scene} --split SPLIT --out d12");
             attempt.ends_under("ulimit -v 3000000", &words, &[2]);
         },
     },
@@ -210,13 +143,13 @@ pub(super) const DEFECTS: &[Defect] = &[
             attempt
                 .hostile
                 .write("scores-b/frames.csv", "view,frame\nnovel,\u{1b}\n");
-            attempt.ends(&["bench", "compare", &a, &b], &[2]);
+            attempt.ends(&format!("bench compare {a} {b}"), &[2]);
             let video = attempt.hostile.copy_of("videos/street", "video");
             // A page that states a negative number of values, for which polars asked for 2^61 bytes.
             let negative = include_bytes!("../../fuzz/kept/signals/negative-page.parquet");
             let whole = attempt.hostile.read("video/signals.parquet");
             attempt.hostile.write("video/signals.parquet", negative);
-            attempt.ends(&["curate", "ledger", "show", &video], &[0, 2]);
+            attempt.ends(&format!("curate ledger show {video}"), &[0, 2]);
             for number in 0..24 {
                 let mut bytes = whole.clone();
                 // The footer with sizes and offsets, and pages before it.
@@ -225,7 +158,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                 attempt.hostile.write("video/signals.parquet", bytes);
                 attempt.ends_under(
                     "ulimit -v 4000000",
-                    &["curate", "ledger", "show", &video],
+                    &format!("curate ledger show {video}"),
                     &[0, 1, 2],
                 );
             }
@@ -238,15 +171,7 @@ pub(super) const DEFECTS: &[Defect] = &[
             let card = "method = \"odgs\"\ntitle = \"O\"\nauthors = [\"A\"]\nlicence = \"MIT\"\nhardware = \"x\"\n";
             let card = attempt.hostile.write("card.toml", card);
             attempt.ends(
-                &[
-                    "leaderboard",
-                    "submit",
-                    "DATASET",
-                    "--card",
-                    &card,
-                    "--out",
-                    "handed-in",
-                ],
+                &format!("leaderboard submit DATASET --card {card} --out handed-in"),
                 &[0],
             );
             for name in ["a", "b"] {
@@ -255,10 +180,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                     .path(&format!("handed-in/results/0000/{name}"));
                 std::os::unix::fs::symlink(".", link).unwrap();
             }
-            attempt.ends(
-                &["leaderboard", "add", "handed-in", "--results", "d14"],
-                &[2],
-            );
+            attempt.ends("leaderboard add handed-in --results d14", &[2]);
         },
     },
     Defect {
@@ -272,10 +194,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                  [predictions]\nnovel = \"{{work}}/{{frame}}.png\"\n"
             );
             let method = attempt.hostile.write("waits/method.toml", method);
-            let words = [
-                "bench", "external", &method, "--scene", "SCENE", "--split", "SPLIT", "--out",
-                "d15",
-            ];
+            let words = format!("bench external {method} --scene SCENE --split SPLIT --out d15");
             attempt.ends(&words, &[2]);
             attempt.expect(processes_with(&seconds) == 0, "what it started lives on");
             let dataset = attempt.hostile.copy_of("", "captioned");
@@ -285,15 +204,9 @@ pub(super) const DEFECTS: &[Defect] = &[
                     .write(name, format!("#!/bin/sh\n{script}\n"));
                 let permissions = std::os::unix::fs::PermissionsExt::from_mode(0o755);
                 fs::set_permissions(&program, permissions).unwrap();
-                let words = [
-                    "curate",
-                    "annotate",
-                    &dataset,
-                    "--caption-command",
-                    &program,
-                    "--caption-timeout",
-                    "1",
-                ];
+                let words = format!(
+                    "curate annotate {dataset} --caption-command {program} --caption-timeout 1"
+                );
                 attempt.ends(&words, &[2]);
             }
         },
@@ -304,19 +217,7 @@ pub(super) const DEFECTS: &[Defect] = &[
         try_again: |attempt| {
             let run = attempt.hostile.word("deformable");
             attempt.ends(
-                &[
-                    "reconstruct",
-                    "train",
-                    "SCENE",
-                    "--split",
-                    "SPLIT",
-                    "--method",
-                    "deformable",
-                    "--iterations",
-                    "1",
-                    "--out",
-                    &run,
-                ],
+                &format!("reconstruct train SCENE --split SPLIT --method deformable --iterations 1 --out {run}"),
                 &[0],
             );
             let poses = one_pose(attempt);
@@ -333,40 +234,20 @@ pub(super) const DEFECTS: &[Defect] = &[
                 });
                 attempt.ends_under(
                     "ulimit -v 4000000",
-                    &[
-                        "reconstruct",
-                        "render",
-                        &run,
-                        "--poses",
-                        &poses,
-                        "--size",
-                        "64x32",
-                        "--out",
-                        "d16",
-                    ],
+                    &format!("reconstruct render {run} --poses {poses} --size 64x32 --out d16"),
                     &[2],
                 );
             }
             attempt.ends_under(
                 "ulimit -v 4000000",
-                &[
-                    "reconstruct",
-                    "render",
-                    "RUN",
-                    "--poses",
-                    &poses,
-                    "--size",
-                    "32768x16384",
-                    "--out",
-                    "d16",
-                ],
+                &format!("reconstruct render RUN --poses {poses} --size 32768x16384 --out d16"),
                 &[1],
             );
             for (name, width) in [("empty-frames", 0), ("huge-frames", u64::from(u32::MAX))] {
                 let folder = attempt.hostile.sequence(name, "sequence.json", |record| {
                     set_all(record, "width", width);
                 });
-                attempt.ends(&["curate", "masks", &folder], &[2]);
+                attempt.ends(&format!("curate masks {folder}"), &[2]);
             }
         },
     },

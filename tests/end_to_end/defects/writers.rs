@@ -38,7 +38,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                 attempt.hostile.write("elsewhere/f", "x\n");
                 let link = attempt.hostile.path(&format!("{out}/link"));
                 std::os::unix::fs::symlink(attempt.hostile.path("elsewhere"), link).unwrap();
-                attempt.ends(&["leaderboard", "build", "DATASET", "--out", &out], &[0]);
+                attempt.ends(&format!("leaderboard build DATASET --out {out}"), &[0]);
                 attempt.expect_kept(&kept[0], b"x\n");
                 attempt.expect_kept(&kept[1], b"x\n");
                 attempt.expect_kept(&kept[2], list.as_bytes());
@@ -58,10 +58,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                     .write(&format!("checkout/{folder}/mine"), "mine");
             }
             attempt.ends(
-                &[
-                    "bench", "external", &method, "--scene", "SCENE", "--split", "SPLIT", "--out",
-                    "checkout",
-                ],
+                &format!("bench external {method} --scene SCENE --split SPLIT --out checkout"),
                 &[2],
             );
             for folder in ["logs", "work", "predictions"] {
@@ -94,7 +91,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                 }
             });
             attempt.ends(
-                &["curate", "poses", &folder, "--poses", "unmasked.json"],
+                &format!("curate poses {folder} --poses unmasked.json"),
                 &[0, 2],
             );
             for file in &mine {
@@ -108,24 +105,13 @@ pub(super) const DEFECTS: &[Defect] = &[
         try_again: |attempt| {
             let video = attempt.hostile.read("tiny.mp4");
             attempt.hostile.write("v.mp4", &video);
-            attempt.ends(
-                &["curate", "slice", "v.mp4", "--end", "0.5", "--out", "v.mp4"],
-                &[2],
-            );
+            attempt.ends("curate slice v.mp4 --end 0.5 --out v.mp4", &[2]);
             attempt.expect_kept("v.mp4", &video);
             let folder = attempt.hostile.copy_of(SEQUENCE, "truth");
             let frame = attempt.hostile.read("truth/frames/000004.png");
             let (scene, frames) = (format!("{folder}/scene.json"), format!("{folder}/frames"));
             attempt.ends(
-                &[
-                    "reconstruct",
-                    "render",
-                    "RUN",
-                    "--poses",
-                    &scene,
-                    "--out",
-                    &frames,
-                ],
+                &format!("reconstruct render RUN --poses {scene} --out {frames}"),
                 &[2],
             );
             attempt.expect_kept("truth/frames/000004.png", &frame);
@@ -140,9 +126,7 @@ pub(super) const DEFECTS: &[Defect] = &[
             while !begun.exists() && first.try_wait().unwrap().is_none() {
                 thread::sleep(Duration::from_millis(5));
             }
-            let words = curation("d8", "128");
-            let words: Vec<&str> = words.iter().map(String::as_str).collect();
-            attempt.ends(&words, &[2]);
+            attempt.ends(&curation("d8", "128"), &[2]);
             attempt.expect(first.wait().unwrap().success(), "the first one failed");
         },
     },
@@ -152,15 +136,8 @@ pub(super) const DEFECTS: &[Defect] = &[
         try_again: |attempt| {
             plan(attempt, "d17");
             for option in ["--signal-before", "--minutes"] {
-                let words = [
-                    "sweep",
-                    "submit",
-                    "d17",
-                    "--slurm",
-                    "--dry-run",
-                    option,
-                    "18446744073709551615",
-                ];
+                let words =
+                    format!("sweep submit d17 --slurm --dry-run {option} 18446744073709551615");
                 attempt.ends(&words, &[2]);
             }
         },
@@ -170,15 +147,15 @@ pub(super) const DEFECTS: &[Defect] = &[
         about: "a unit of a sweep whose record cannot be read",
         try_again: |attempt| {
             plan(attempt, "d18");
-            attempt.ends(&["sweep", "run", "d18"], &[0]);
+            attempt.ends("sweep run d18", &[0]);
             let unit = files(&attempt.hostile.path("d18"))
                 .into_iter()
                 .find(|file| file.ends_with("done.json"));
             attempt.hostile.write(&format!("d18/{}", unit.unwrap()), "");
-            attempt.ends(&["sweep", "status", "d18"], &[0]);
-            attempt.ends(&["sweep", "run", "d18"], &[1]);
-            attempt.ends(&["sweep", "retry", "d18"], &[0]);
-            attempt.ends(&["sweep", "run", "d18"], &[0]);
+            attempt.ends("sweep status d18", &[0]);
+            attempt.ends("sweep run d18", &[1]);
+            attempt.ends("sweep retry d18", &[0]);
+            attempt.ends("sweep run d18", &[0]);
         },
     },
     Defect {
@@ -187,7 +164,7 @@ pub(super) const DEFECTS: &[Defect] = &[
         try_again: |attempt| {
             plan(attempt, "d19");
             let before = files(&attempt.hostile.path("d19"));
-            attempt.ends(&["sweep", "status", "d19"], &[0]);
+            attempt.ends("sweep status d19", &[0]);
             let is_same = files(&attempt.hostile.path("d19")) == before;
             attempt.expect(is_same, "it writes");
         },
@@ -202,7 +179,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                     .hostile
                     .write(&format!("d20/units/line-00001/{claim}"), "");
             }
-            attempt.ends(&["sweep", "run", "d20"], &[0]);
+            attempt.ends("sweep run d20", &[0]);
         },
     },
     Defect {
@@ -219,16 +196,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                     format!("d21-{number}"),
                 );
                 attempt.ends(
-                    &[
-                        "curate",
-                        &video,
-                        "--criteria",
-                        "none",
-                        "--accept",
-                        "erp",
-                        "--out",
-                        &out,
-                    ],
+                    &format!("curate {video} --criteria none --accept erp --out {out}"),
                     &[0],
                 );
                 let stray = [
@@ -244,8 +212,8 @@ pub(super) const DEFECTS: &[Defect] = &[
                     astray.is_none(),
                     &format!("{name:?}: {astray:?} is not in its folder"),
                 );
-                attempt.ends(&["curate", "publish", &out], &[0]);
-                attempt.ends(&["curate", "verify", &out], &[0]);
+                attempt.ends(&format!("curate publish {out}"), &[0]);
+                attempt.ends(&format!("curate verify {out}"), &[0]);
             }
         },
     },
@@ -266,7 +234,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                     .hostile
                     .change("named/result.json", |record| record["method"] = json!(name));
                 store::remove(&attempt.hostile.path("d22")).unwrap();
-                attempt.ends(&["leaderboard", "build", "named", "--out", "d22"], &[0, 2]);
+                attempt.ends("leaderboard build named --out d22", &[0, 2]);
                 if !attempt.hostile.path("d22").is_dir() {
                     continue;
                 }
@@ -301,7 +269,7 @@ pub(super) const DEFECTS: &[Defect] = &[
             attempt.hostile.write("coloured.json", poses);
             let folder = attempt.hostile.copy_of(SEQUENCE, "coloured");
             attempt.ends(
-                &["curate", "poses", &folder, "--poses", "coloured.json"],
+                &format!("curate poses {folder} --poses coloured.json"),
                 &[2],
             );
         },
@@ -317,9 +285,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                 drop(killed.kill());
                 killed.wait().unwrap();
             }
-            let words = curation("d24", "256");
-            let words: Vec<&str> = words.iter().map(String::as_str).collect();
-            attempt.ends(&words, &[0]);
+            attempt.ends(&curation("d24", "256"), &[0]);
             let left = attempt
                 .hostile
                 .files_where("d24", |file, _| file.contains(".tmp-"));
@@ -331,32 +297,16 @@ pub(super) const DEFECTS: &[Defect] = &[
         about: "mistakes of the user's, by their exit code",
         try_again: |attempt| {
             attempt.hostile.write("plain", "mine");
-            let with = |video: &'static str, out: &'static str| {
-                [
-                    "curate",
-                    video,
-                    "--criteria",
-                    "none",
-                    "--accept",
-                    "erp",
-                    "--out",
-                    out,
-                ]
-            };
-            attempt.ends(&with("tiny.mp4", "plain/x"), &[2]);
+            let words = "curate tiny.mp4 --criteria none --accept erp --out plain/x";
+            attempt.ends(words, &[2]);
             attempt.expect_kept("plain", b"mine");
             attempt.ends(
-                &[
-                    "curate", "export", "SEQUENCE", "--format", "colmap", "--out", "model-25",
-                ],
+                "curate export SEQUENCE --format colmap --out model-25",
                 &[0],
             );
             store::remove(&attempt.hostile.path("model-25/times.csv")).unwrap();
             attempt.ends(
-                &[
-                    "curate", "import", "model-25", "--format", "colmap", "--fps", "1e-308",
-                    "--out", "d25",
-                ],
+                "curate import model-25 --format colmap --fps 1e-308 --out d25",
                 &[2],
             );
             let long = format!("{}.mp4", "x".repeat(245));
@@ -364,16 +314,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                 .hostile
                 .write(&long, attempt.hostile.read("tiny.mp4"));
             attempt.ends(
-                &[
-                    "curate",
-                    &long,
-                    "--criteria",
-                    "none",
-                    "--accept",
-                    "erp",
-                    "--out",
-                    "d25-long",
-                ],
+                &format!("curate {long} --criteria none --accept erp --out d25-long"),
                 &[0, 2],
             );
             attempt
@@ -390,39 +331,27 @@ pub(super) const DEFECTS: &[Defect] = &[
                 frames.insert(1, again);
             });
             let folder = attempt.hostile.copy_of(SEQUENCE, "twice");
-            attempt.ends(&["curate", "poses", &folder, "--poses", "twice.json"], &[2]);
+            attempt.ends(&format!("curate poses {folder} --poses twice.json"), &[2]);
             let dataset = attempt.hostile.copy_of("", "tagged");
             attempt.hostile.write("garbage.csv", "garbage\n");
             attempt.ends(
-                &["curate", "annotate", &dataset, "--tags", "garbage.csv"],
+                &format!("curate annotate {dataset} --tags garbage.csv"),
                 &[2],
             );
         },
     },
 ];
 
-fn curation(out: &str, width: &str) -> Vec<String> {
-    let video = sample("street.mp4").to_str().unwrap().to_owned();
-    let words = [
-        "curate",
-        &video,
-        "--criteria",
-        "none",
-        "--width",
-        width,
-        "--out",
-        out,
-        SMALL[0],
-        SMALL[1],
-    ];
-    words.map(str::to_owned).to_vec()
+fn curation(out: &str, width: &str) -> String {
+    let [option, frames] = [SMALL[0], SMALL[1]];
+    format!("curate VIDEO --criteria none --width {width} --out {out} {option} {frames}")
 }
 
 /// Starts a command in the folder of the attempt.
-fn omnilife(attempt: &Attempt<'_>, words: &[String]) -> std::process::Child {
+fn omnilife(attempt: &Attempt<'_>, words: &str) -> std::process::Child {
     Command::new(cargo_bin!("omnilife"))
         .arg("--quiet")
-        .args(words)
+        .args(words.split(' ').map(|word| attempt.filled(word)))
         .current_dir(attempt.hostile.path(""))
         .env("OMNILIFE_DATA", "/nonexistent")
         .stdout(Stdio::null())
@@ -433,5 +362,5 @@ fn omnilife(attempt: &Attempt<'_>, words: &[String]) -> std::process::Child {
 /// Plans a sweep of two units that do nothing.
 fn plan(attempt: &mut Attempt<'_>, out: &str) {
     let lines = attempt.hostile.write("lines.txt", "true\ntrue\n");
-    attempt.ends(&["sweep", "plan", "commands", &lines, "--out", out], &[0]);
+    attempt.ends(&format!("sweep plan commands {lines} --out {out}"), &[0]);
 }

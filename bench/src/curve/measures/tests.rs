@@ -42,7 +42,6 @@ fn run(points: &[(f64, f64)], memory: u64) -> TracedRun {
     }
 }
 
-/// Returns a run with this quality over time at these times.
 fn sampled(times: &[f64], quality: impl Fn(f64) -> f64) -> TracedRun {
     let points: Vec<(f64, f64)> = times.iter().map(|&time| (time, quality(time))).collect();
     run(&points, 1)

@@ -31,7 +31,6 @@ const LEAST_NEIGHBOURS: usize = 3;
 /// Motion of all pairs of frames that could be registered.
 #[derive(Debug, Default)]
 pub(super) struct FrameMotion {
-    /// Pairs that were compared.
     pub(super) compared: usize,
     /// Speeds of rotation, degrees per second.
     pub(super) turns: Vec<f64>,

@@ -70,16 +70,13 @@ struct Layout<'a> {
     notes: Vec<String>,
 }
 
-/// A camera of a rig.
 struct RigCamera {
     name: String,
     camera: PinholeCamera,
 }
 
-/// An image of a rig.
 struct RigImage {
     file: PathBuf,
-    /// Number of its camera.
     camera: usize,
     pose: Pose,
     seconds: f64,
@@ -87,7 +84,6 @@ struct RigImage {
     moment: u64,
 }
 
-/// A sweep of the LiDAR.
 struct Sweep {
     file: PathBuf,
     to_world: Rigid,
@@ -176,7 +172,6 @@ impl Layout<'_> {
         })
     }
 
-    /// Returns the camera of an image.
     fn camera_of(&self, image: &RigImage) -> Result<&RigCamera, CurateError> {
         let camera = self.cameras.get(image.camera);
         camera.ok_or_else(|| CurateError::input(&image.file, "must be of a camera of the rig"))

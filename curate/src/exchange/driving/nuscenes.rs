@@ -192,12 +192,10 @@ impl<'a> Reader<'a> {
         timestamp.saturating_sub(self.begin) as f64 * MICROSECONDS
     }
 
-    /// Returns an error about a table.
     fn fault(&self, table: &str, reason: impl Into<String>) -> CurateError {
         StoreError::malformed(&self.tables.join(format!("{table}.json")), reason).into()
     }
 
-    /// Returns the row of a table with a token.
     fn row<'r, T>(
         &self,
         table: &str,
@@ -221,7 +219,6 @@ impl<'a> Reader<'a> {
         Ok((sensor, calibration, to_world.after(to_vehicle)))
     }
 
-    /// Returns the number of a row's sample.
     fn moment(&self, row: &SampleData) -> u64 {
         self.samples
             .get(&row.sample_token)
@@ -387,7 +384,6 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Returns rows by their tokens.
 fn by_token<T>(rows: Vec<T>, token: impl Fn(&T) -> &String) -> BTreeMap<String, T> {
     rows.into_iter()
         .map(|row| (token(&row).clone(), row))

@@ -42,7 +42,6 @@ const EDGES: [[usize; 2]; 12] = [
 /// Upward direction of the worlds of both layouts.
 pub(super) const UP: DVec3 = DVec3::Z;
 
-/// An object as it is labelled.
 #[derive(Debug, Clone)]
 pub(super) struct LabelledObject {
     /// Unique in the drive.

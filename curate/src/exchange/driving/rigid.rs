@@ -45,7 +45,6 @@ impl Rigid {
         }
     }
 
-    /// Transforms a point.
     pub(super) fn apply(self, point: DVec3) -> DVec3 {
         self.rotation * point + self.translation
     }

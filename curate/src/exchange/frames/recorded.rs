@@ -110,7 +110,6 @@ fn is_box([left, top, width, height]: [f64; 4]) -> bool {
     is_finite && width > 0.0 && height > 0.0
 }
 
-/// Returns the published split by the names of images.
 fn named_split(
     folder: &Path,
     record: &Scene,

@@ -75,7 +75,6 @@ pub(super) struct Intrinsic {
     others: BTreeMap<String, Value>,
 }
 
-/// A type of intrinsic with a lens.
 struct LensType {
     /// Name of the type, and the entry that has its terms.
     name: &'static str,

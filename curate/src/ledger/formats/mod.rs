@@ -94,7 +94,6 @@ impl Frames<'_> {
         Ok(if is_before { before } else { after })
     }
 
-    /// Returns the timestamp of a frame.
     fn time(&self, frame: usize) -> Result<f64, String> {
         self.times.get(frame).copied().ok_or_else(|| {
             format!(
@@ -176,7 +175,6 @@ impl Frames<'_> {
     }
 }
 
-/// Returns the kind with this name.
 fn kind(name: &str) -> Result<BoundaryKind, String> {
     BoundaryKind::ALL
         .into_iter()

@@ -21,7 +21,6 @@ const LEAST_SHARE: f64 = 0.3;
 /// Gaps and spikes up to twice as wide are smoothed away, pixels.
 const SMOOTHING_PIXELS: usize = 3;
 
-/// A region and its evidence.
 #[derive(Debug, Clone)]
 pub(super) struct Region {
     /// Its pixels, at the size of the evidence.

@@ -283,7 +283,6 @@ fn drawn(share: f64) -> Markup {
     html! { span.bar style={ "width: " (format!("{percent:.1}%")) } {} }
 }
 
-/// Returns a share in percent.
 fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }

@@ -13,7 +13,6 @@ use crate::overview::{
     sheet::{Sheet, SheetFrame},
 };
 
-/// Returns the section of a sequence.
 pub(super) fn section(index: usize, status: &SequenceStatus, look: &SequenceImages) -> Markup {
     let lacking: Vec<(&SequenceStatus, &PartStatus)> = (status.lacking())
         .filter(|part| part.command.is_some() && !part.part.is_optional())

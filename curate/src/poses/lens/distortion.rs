@@ -176,7 +176,6 @@ impl Distortion {
             && (0..ORDERED_PLACES).all(|step| along(step) < along(step + 1) || u == DVec2::ZERO)
     }
 
-    /// Returns all of its numbers, for comparison.
     pub(in crate::poses) fn numbers(self) -> impl Iterator<Item = f64> {
         (self.projection.numbers().into_iter())
             .chain(self.radial)

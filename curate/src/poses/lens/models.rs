@@ -56,12 +56,10 @@ const MODELS: [LensModel; 17] = [
 ];
 
 impl LensModel {
-    /// Returns the model of a name.
     pub(in crate::poses) fn of_name(name: &str) -> Option<&'static Self> {
         MODELS.iter().find(|model| model.name == name)
     }
 
-    /// Returns the model of a number.
     pub(in crate::poses) fn of_number(number: i32) -> Option<&'static Self> {
         MODELS.iter().find(|model| model.number == number)
     }

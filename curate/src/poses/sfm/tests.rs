@@ -4,10 +4,7 @@ use std::{fs, os::unix::fs::PermissionsExt};
 
 use omnilife_schemas::{
     progress::Silent,
-    records::{
-        Admission, DetectedProjection, FrameEntry, FrameSet, Probe, Sampling, SourceVideo,
-        TimeRange, VideoProjection,
-    },
+    records::{FrameEntry, Probe, VideoProjection},
 };
 
 use omnilife_schemas::{Classified, ErrorKind};
@@ -30,40 +27,12 @@ fn nothing_ignored(sequence: &Sequence) -> IgnoredPixels {
 /// Returns a sequence of these frames, 64 pixels wide.
 fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
     Sequence {
-        id: "walk/seq-000".to_owned(),
-        source: SourceVideo {
-            file_name: "walk.mp4".to_owned(),
-            sha256: String::new(),
-            bytes: 1,
-        },
-        range: TimeRange::new(0.0, 1.0),
         probe: Probe {
             frames_per_second: 10.0,
             duration_seconds: 1.0,
             ..Probe::of_size([64, 32])
         },
-        projection: DetectedProjection {
-            projection: VideoProjection::Erp,
-            overridden: None,
-            evidence: Vec::new(),
-            disagreement: None,
-        },
-        admission: Admission {
-            profile: "none".to_owned(),
-            checks: Vec::new(),
-            admitted: true,
-            enforced: false,
-        },
-        frames: FrameSet {
-            width: 64,
-            height: 32,
-            sampling: Sampling::MaxFrames(10),
-            resampling: "none".to_owned(),
-            converted_from: None,
-            entries,
-            sharpest: None,
-        },
-        motion_frames: Vec::new(),
+        ..Sequence::of_panoramas("walk/seq-000", [64, 32], entries)
     }
 }
 

@@ -285,7 +285,6 @@ struct Conversation {
     ending: AttemptEnd,
 }
 
-/// Ending of an attempt.
 enum AttemptEnd {
     /// There is a model.
     Success,

@@ -77,7 +77,6 @@ fn map(landmarks: &[(&str, [f64; 3])]) -> Vec<u8> {
     bytes
 }
 
-/// A scene with this trajectory.
 fn scene_of(trajectory: impl AsRef<[u8]>) -> Foreign {
     let foreign = Foreign::new(SIZE, &IMAGES);
     foreign.write("Config/modelFiles.openvslam", MODEL_FILES);

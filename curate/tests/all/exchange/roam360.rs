@@ -48,7 +48,6 @@ fn with(change: impl Fn(&mut Value)) -> String {
     changed.to_string()
 }
 
-/// A scene with these poses.
 fn scene_of(poses: impl AsRef<[u8]>) -> Foreign {
     let foreign = Foreign::new(SIZE, &IMAGES);
     foreign.write("pose_c2w.json", poses);

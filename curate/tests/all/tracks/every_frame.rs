@@ -3,10 +3,7 @@
 use omnilife_schemas::{
     RgbImage,
     layout::STRAIGHT_FRAMES_FOLDER,
-    records::{
-        Admission, DetectedProjection, FrameSet, Probe, Sampling, Sequence, SourceVideo, TimeRange,
-        Tracks, VideoProjection,
-    },
+    records::{Sequence, Tracks, VideoProjection},
 };
 use omnilife_tracks::TracksError;
 use omnilife_video::{Converter, Projection, Scaling, VideoReader, ViewVideoWriter};
@@ -47,57 +44,10 @@ fn sample_images(video: &Path, scene_folder: &Path) -> Vec<f64> {
 }
 
 fn write_sequence(folder: &Path, video: &Path) {
-    let sequence = Sequence {
-        id: "flight".to_owned(),
-        source: SourceVideo {
-            file_name: "flight.mp4".to_owned(),
-            sha256: store::sha256_file(video).unwrap(),
-            bytes: fs::metadata(video).unwrap().len(),
-        },
-        range: TimeRange {
-            begin_seconds: 0.0,
-            end_seconds: FRAMES as f64,
-        },
-        probe: Probe {
-            container: "mp4".to_owned(),
-            codec: "h264".to_owned(),
-            width: 320,
-            height: 180,
-            pixel_format: "yuv420p".to_owned(),
-            bit_depth: 8,
-            frames_per_second: BETWEEN as f64,
-            duration_seconds: FRAMES as f64,
-            decoded_frames: None,
-            variable_frame_rate: None,
-            longest_interval_seconds: None,
-            rotation_degrees: 0.0,
-            pixel_aspect_ratio: 1.0,
-            transfer: "bt709".to_owned(),
-            spherical: None,
-        },
-        projection: DetectedProjection {
-            projection: VideoProjection::Rectilinear,
-            overridden: None,
-            evidence: Vec::new(),
-            disagreement: None,
-        },
-        admission: Admission {
-            profile: "none".to_owned(),
-            checks: Vec::new(),
-            admitted: true,
-            enforced: false,
-        },
-        frames: FrameSet {
-            width: 320,
-            height: 180,
-            sampling: Sampling::FramesPerSecond(1.0),
-            resampling: "none".to_owned(),
-            converted_from: None,
-            entries: Vec::new(),
-            sharpest: None,
-        },
-        motion_frames: Vec::new(),
-    };
+    let mut sequence = Sequence::of_panoramas("flight", [320, 180], Vec::new());
+    sequence.source.sha256 = store::sha256_file(video).unwrap();
+    sequence.projection.projection = VideoProjection::Rectilinear;
+    sequence.range.end_seconds = FRAMES as f64;
     store::write_record(&folder.join("sequence.json"), &sequence).unwrap();
 }
 

@@ -109,7 +109,6 @@ impl Filter {
         }))
     }
 
-    /// Advances by a frame.
     fn advance(&mut self) {
         let height = self.0[3].value;
         let of_values = deviations(height, PLACE, ASPECT);

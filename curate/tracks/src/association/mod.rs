@@ -166,7 +166,6 @@ struct Hypothesis {
 struct Search<'a> {
     sightings: &'a [Sighting],
     frames: &'a [Vec<usize>],
-    /// The frame of each sighting.
     frame_of: Vec<usize>,
     /// Seconds of each frame; `None` for a frame without sightings.
     seconds: Vec<Option<f64>>,

@@ -5,7 +5,6 @@ use std::collections::HashMap;
 use glam::{DVec3, I64Vec3};
 use omnilife_schemas::points::PointCloud;
 
-/// Points by their cube.
 #[derive(Debug)]
 pub(super) struct Cubes {
     edge: f64,

@@ -199,7 +199,6 @@ impl<'a> Warp<'a> {
     }
 }
 
-/// An image in grey.
 #[derive(Debug, Clone)]
 pub(super) struct GreyImage {
     pub(super) width: usize,

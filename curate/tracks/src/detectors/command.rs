@@ -259,7 +259,6 @@ fn boxes_file(
     })
 }
 
-/// Runs the program on the frames of a folder.
 fn run(
     program: &Program,
     toml: &Path,

@@ -50,7 +50,6 @@ pub enum Content {
 }
 
 impl TrackFormat {
-    /// Returns the files of an export.
     fn files(&self, export: &TrackExport<'_>) -> Result<NamedFiles, TracksError> {
         match self.content {
             Content::Text(write) => match write(export) {

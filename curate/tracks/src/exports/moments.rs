@@ -7,7 +7,6 @@ use super::TrackExport;
 
 /// State of a vehicle.
 pub(super) struct Moment {
-    /// Number of the frame in the scene.
     pub(super) frame: u32,
     /// Presentation timestamp in seconds.
     pub(super) seconds: f64,

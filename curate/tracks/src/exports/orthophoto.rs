@@ -149,7 +149,6 @@ impl<'a> GroundMap<'a> {
         }
     }
 
-    /// Returns the metres of a world point.
     fn metres(&self, world: DVec3) -> DVec3 {
         self.scale * (self.rotation * world) + self.offset
     }

@@ -115,7 +115,6 @@ fn middle(points: &[DVec3], weights: &[f64]) -> DVec3 {
     sum / weights.iter().sum::<f64>()
 }
 
-/// Refuses points on a line.
 fn refuse_line(points: &[DVec3], weights: &[f64], fit: &FittedSimilarity) -> Result<(), String> {
     let middle = middle(points, weights);
     let total: f64 = weights.iter().sum();

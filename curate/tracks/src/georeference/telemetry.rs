@@ -94,7 +94,6 @@ impl Telemetry {
     }
 }
 
-/// Subtitle.
 struct Block {
     /// Number of the line of its time, from 1 on.
     line: usize,

@@ -132,7 +132,6 @@ fn words(fit: &Fit) -> String {
     )
 }
 
-/// Returns the motions of a texture.
 fn textures(track: &Tracked) -> KnownPlaces {
     let motions = track.motions.iter();
     motions

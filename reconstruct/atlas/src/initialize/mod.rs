@@ -30,7 +30,6 @@ pub(super) fn seen_at(clip: &Clip, frame: &ClipFrame, point: glam::DVec3) -> Opt
     is_inside.then_some(at)
 }
 
-/// Returns the number of the pixel at a position.
 pub(super) fn pixel_at(clip: &Clip, at: DVec2) -> usize {
     let [width, height] = clip.size();
     let column = (at.x as usize).min(width - 1);

@@ -47,7 +47,6 @@ pub struct Gpu {
     pretended: AtomicU64,
     demand: Mutex<BufferDemand>,
     only_plans: AtomicBool,
-    /// Readback buffer.
     staging: Mutex<Option<wgpu::Buffer>>,
 }
 
@@ -252,7 +251,6 @@ impl Gpu {
         *self.demand()
     }
 
-    /// Counts a buffer.
     pub(crate) fn count_demand(&self, label: &'static str, bytes: u64) {
         let mut demand = self.demand();
         demand.bytes += bytes;

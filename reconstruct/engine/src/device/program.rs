@@ -288,7 +288,6 @@ impl Program {
         });
     }
 
-    /// Begins a named stage, for measurements.
     pub(crate) fn begin_stage(&mut self, name: &'static str) {
         self.commands.push(Command::Stage(name));
     }

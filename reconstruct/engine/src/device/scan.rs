@@ -12,7 +12,6 @@ use crate::device::{
 const BLOCK: usize = 1024;
 
 wgsl_struct! {
-    /// One level of the scan.
     pub(crate) struct ScanLevel {
         /// Number of values.
         len: u32,

@@ -18,7 +18,6 @@ wgsl_struct! {
 /// Outputs of a parameterization, and their gradients from the renderer, with room for all Gaussians of a model.
 #[derive(Debug)]
 pub struct ActivatedBuffers {
-    /// Number of Gaussians.
     pub(crate) len: usize,
     /// Degree of the stored harmonics.
     pub(crate) sh_degree: usize,

@@ -317,7 +317,6 @@ pub fn activate_vjp(
     activate_from_vjp(table, 0, instant, gradient);
 }
 
-/// Copies a gradient to an array, unless the array is frozen.
 fn copy_unless_frozen(array: &mut ParameterArray, gradient: &[[f32; 3]]) {
     if !array.is_frozen() {
         array.gradients.copy_from_slice(gradient.as_flattened());

@@ -19,7 +19,6 @@ use crate::parameters::{ParameterArray, ParameterTable, SharedParameters};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SavedModel {
     parts: Vec<SavedPart>,
-    /// Response of the camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     response: Option<SavedResponse>,
     /// Optimizer steps of each input view's pose.

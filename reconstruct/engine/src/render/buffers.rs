@@ -154,7 +154,6 @@ impl RenderShape {
     }
 }
 
-/// The buffers of a render and its gradient.
 #[derive(Debug)]
 pub(crate) struct RenderBuffers {
     pub(crate) shape: RenderShape,

@@ -276,20 +276,8 @@ impl Stepper for CpuStepper<'_> {
         }
     }
 
-    fn gaussians(&self) -> usize {
-        self.model.len()
-    }
-
-    fn gaussians_with_times(&self) -> usize {
-        self.model.len_with_times()
-    }
-
-    fn objects(&self) -> Option<usize> {
-        self.model.objects()
-    }
-
-    fn arrays(&self) -> Vec<TrainedArray> {
-        self.model.trained_arrays()
+    fn sizes(&self) -> &Model {
+        &self.model
     }
 
     fn step(&mut self, number: usize, schedule: &StepSchedule) -> Result<(), EngineError> {

@@ -35,11 +35,9 @@ use crate::{
 pub(super) struct DynamicLosses {
     settings: DynamicSettings,
     alone: DynamicAlone,
-    /// Gradient by the feature maps.
     feature_gradient: Vec<f32>,
 }
 
-/// View of a step.
 pub(super) struct StepView<'a> {
     /// Camera with corrected pose.
     pub(super) drawn: &'a View,

@@ -115,19 +115,28 @@ pub trait Stepper: fmt::Debug {
     /// Returns the backend for the run's record.
     fn backend(&self) -> Backend;
 
+    /// Returns the model in its current size; its values may be out of date.
+    fn sizes(&self) -> &Model;
+
     /// Returns the current number of Gaussians.
-    fn gaussians(&self) -> usize;
+    fn gaussians(&self) -> usize {
+        self.sizes().len()
+    }
 
     /// Returns the number of Gaussians with their own times.
-    fn gaussians_with_times(&self) -> usize;
+    fn gaussians_with_times(&self) -> usize {
+        self.sizes().len_with_times()
+    }
 
     /// Returns the number of rigid objects; `None` for a model without tracked objects.
     fn objects(&self) -> Option<usize> {
-        None
+        self.sizes().objects()
     }
 
     /// Returns all trained arrays of the model by name, with their current sizes.
-    fn arrays(&self) -> Vec<TrainedArray>;
+    fn arrays(&self) -> Vec<TrainedArray> {
+        self.sizes().trained_arrays()
+    }
 
     /// Takes one step on input view number `view` of the scene.
     ///

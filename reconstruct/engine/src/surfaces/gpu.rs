@@ -69,7 +69,6 @@ pub(crate) fn compose_shader() -> Shader {
     }
 }
 
-/// Kernels of all surfaces.
 #[derive(Debug)]
 struct SurfaceKernels {
     fields: FieldKernels,
@@ -281,7 +280,6 @@ impl DeviceSurfaces {
         Ok(made.gpu.buffer_demand())
     }
 
-    /// Records the programs.
     fn record(&mut self, kernels: &SurfaceKernels, scratch: &GridScratch) -> Result<(), GpuError> {
         let at = (&*self.gpu, kernels);
         let rays = &self.rays;

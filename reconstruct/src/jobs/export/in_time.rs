@@ -57,7 +57,6 @@ pub(super) enum TimeExport {
 }
 
 impl TimeExport {
-    /// Returns the export of this name.
     pub(super) fn named(name: &str) -> Option<Self> {
         match name {
             in_time::NAME => Some(Self::ClosedForms),
@@ -174,7 +173,6 @@ pub(super) fn export(
     })
 }
 
-/// Content of an export.
 enum Content {
     ClosedForms(WrittenInTime),
     /// Times of the files, seconds.
@@ -182,7 +180,6 @@ enum Content {
 }
 
 impl Content {
-    /// Returns the names of its files.
     fn files(&self) -> Vec<String> {
         match self {
             Self::ClosedForms(_) => vec![level_file()],

@@ -186,7 +186,6 @@ pub fn format_names() -> Vec<&'static str> {
     of_levels.chain(in_time::NAMES).collect()
 }
 
-/// Returns the requested format.
 fn format_of(request: &ExportRequest) -> Result<&'static SplatFormat, ReconstructError> {
     names::find("format", &request.format, &format_names(), |name| name)?;
     let format = exchange::by_name(&request.format)?;

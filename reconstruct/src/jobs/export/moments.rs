@@ -101,7 +101,6 @@ impl Moments {
         })
     }
 
-    /// Returns the Gaussians of each file.
     pub(super) fn files(&self) -> impl Iterator<Item = &[SplatRow]> {
         let moving = self.moving.iter().map(|(_, rows)| &rows[..]);
         [&self.still[..]].into_iter().chain(moving)

@@ -83,7 +83,6 @@ pub fn libraries() -> Result<Vec<Vec<u8>>, NoViewer> {
     LIBRARIES.iter().map(read).collect()
 }
 
-/// Content of a page.
 pub(super) struct PageContent<'a> {
     /// Title of the scene; it comes from a file.
     pub(super) title: &'a str,
@@ -120,7 +119,6 @@ impl<'a> EmbeddedData<'a> {
 
 const TEMPLATE: &str = include_str!("page.html");
 
-/// Returns the text of a page.
 pub(super) fn html(content: &PageContent<'_>, libraries: &[Vec<u8>]) -> String {
     let data_url = |bytes: &[u8]| format!("data:text/javascript;base64,{}", base64(bytes));
     let imports = LIBRARIES.iter().zip(libraries).map(|(library, bytes)| {

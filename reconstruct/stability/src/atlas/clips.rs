@@ -67,7 +67,6 @@ const CLIPS: &[ClipCase] = &[
     ),
 ];
 
-/// Returns the judgement of a clip on a device.
 pub(super) fn clip_on(id: &str, kind: DeviceKind) -> Judgement {
     CLIPS.iter().find(|(case, ..)| *case == id).map_or_else(
         || Judgement::failed(format!("no clip is {id}")),

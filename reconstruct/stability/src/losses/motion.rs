@@ -112,7 +112,6 @@ pub(super) const CASES: &[SpecialCase] = &[
     },
 ];
 
-/// A moving Gaussian.
 struct MovingGaussian {
     distance: f64,
     speed: f64,

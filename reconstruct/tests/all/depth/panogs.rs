@@ -2,7 +2,10 @@
 
 use std::{fs, path::Path};
 
-use crate::{depth::room, support::trained::arrays_with_growth};
+use crate::{
+    depth::room,
+    support::trained::{arrays_with_growth, files},
+};
 use omnilife_engine::{
     camera::rays::Rays,
     gaussians::static_gaussians::{LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS},
@@ -13,7 +16,7 @@ use omnilife_reconstruct::{
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::{TrainingScene, depth::PriorFile},
-    train::{Session, TrainingFiles, watch::WatchFiles},
+    train::Session,
 };
 use omnilife_schemas::{
     Similarity,
@@ -253,15 +256,8 @@ fn what_is_frozen_keeps_its_bits_and_centres_stay_near() {
 /// Returns ghosts and holes of a method after a request's iterations.
 fn faults(scene: &TrainingScene, method: &str, request: &MethodRequest) -> SurfaceFaults {
     let folder = tempfile::tempdir().unwrap();
-    let trace = folder.path().join("trace.csv");
-    let files = TrainingFiles {
-        trace: trace.clone(),
-        trace_views: None,
-        watch: WatchFiles::default(),
-        checkpoint: folder.path().join("checkpoint.bin"),
-        checkpoint_every: 0,
-        inputs_sha256: String::new(),
-    };
+    let files = files(folder.path(), 0);
+    let trace = files.trace.clone();
     let session = Session {
         files: Some(files),
         ..Session::without_files(&Silent)

@@ -1,9 +1,10 @@
 //! Shards of the method: they train like all Gaussians at once, survive an interruption, and are written as one
 //! model.
 
-use std::path::Path;
-
-use crate::depth::panogs::{as_given, is_used, prepared, scene};
+use crate::{
+    depth::panogs::{as_given, is_used, prepared, scene},
+    support::trained::files,
+};
 use omnilife_engine::{
     gaussians::static_gaussians::{LOG_SCALES, QUATERNIONS, SH_CONSTANT},
     model::Model,
@@ -15,7 +16,7 @@ use omnilife_reconstruct::{
     options::Options,
     request::{MethodRequest, PlanChoice},
     scene::TrainingScene,
-    train::{Session, TrainingFiles, watch::WatchFiles},
+    train::{Session, TrainingFiles},
 };
 use omnilife_schemas::{RgbImage, progress::Silent, records::InvalidGaussians};
 
@@ -113,25 +114,14 @@ fn what_does_not_learn_has_no_moments_in_any_shard() {
     }
 }
 
-fn files(folder: &Path) -> TrainingFiles {
-    TrainingFiles {
-        trace: folder.join("trace.csv"),
-        trace_views: None,
-        watch: WatchFiles::default(),
-        checkpoint: folder.join("checkpoint.bin"),
-        checkpoint_every: 10,
-        inputs_sha256: "these inputs".to_owned(),
-    }
-}
-
 #[test]
 fn shards_go_on_from_a_checkpoint_to_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path(), 4, as_given);
     let request = request(3, 16);
     // The remaining checkpoint is of iteration 10.
-    let mut whole = train(&scene, &request, Some(files(folder.path())));
-    let mut continued = train(&scene, &request, Some(files(folder.path())));
+    let mut whole = train(&scene, &request, Some(files(folder.path(), 10)));
+    let mut continued = train(&scene, &request, Some(files(folder.path(), 10)));
     assert_eq!(continued.training.state.resumed, 1);
     let [whole, continued] = [&mut whole, &mut continued].map(|outcome| {
         let model = outcome.learner.gaussians().unwrap().unwrap();
@@ -150,7 +140,7 @@ fn shards_go_on_from_a_checkpoint_to_the_same_bits() {
         options: Options::in_shards(2),
         ..request
     };
-    let other = train(&scene, &other, Some(files(folder.path())));
+    let other = train(&scene, &other, Some(files(folder.path(), 10)));
     assert_eq!(other.training.state.resumed, 0);
 }
 

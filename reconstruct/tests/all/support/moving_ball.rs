@@ -15,7 +15,6 @@ const MIDDLE: Vec3 = Vec3::new(0.0, 0.2, 3.0);
 const STEP: Vec3 = Vec3::new(0.1, 0.0, 0.0);
 const COLOUR: [u8; 3] = [230, 20, 20];
 
-/// Returns the scene.
 pub(crate) fn scene() -> TrainingScene {
     let mut scene = balls::scene();
     let camera = scene.camera;

@@ -26,7 +26,6 @@ impl Richness {
     }
 }
 
-/// Returns a Gaussian in a direction from the origin.
 pub(crate) fn at(direction: DVec3, distance: f64, scale: [f64; 3], opacity: f64) -> Gaussian {
     Gaussian {
         position: (direction.normalize() * distance).to_array(),

@@ -1,11 +1,13 @@
-//! Methods trained for a few steps, without files.
+//! Methods trained for a few steps.
+
+use std::{fs, path::Path};
 
 use omnilife_engine::step::settings::TrainSettings;
 use omnilife_reconstruct::{
     methods::{self, MethodOutcome, Prepared},
     request::MethodRequest,
     scene::TrainingScene,
-    train::Session,
+    train::{Session, TrainingFiles, watch::WatchFiles},
 };
 use omnilife_schemas::progress::Silent;
 
@@ -14,7 +16,6 @@ pub(crate) fn request(iterations: u64) -> MethodRequest {
     MethodRequest::new(iterations, 7)
 }
 
-/// Returns the outcome of a training that has to succeed.
 pub(crate) fn train<'a>(
     scene: &'a TrainingScene,
     method: &str,
@@ -24,6 +25,45 @@ pub(crate) fn train<'a>(
         .unwrap()
         .train(scene, request, &Session::without_files(&Silent))
         .unwrap()
+}
+
+/// Returns the files of a run in a folder, with a checkpoint every so many iterations.
+pub(crate) fn files(folder: &Path, checkpoint_every: u64) -> TrainingFiles {
+    TrainingFiles {
+        trace: folder.join("trace.csv"),
+        trace_views: None,
+        watch: WatchFiles::default(),
+        checkpoint: folder.join("checkpoint.bin"),
+        checkpoint_every,
+        inputs_sha256: "these inputs".to_owned(),
+    }
+}
+
+/// Returns what is `kept` of a whole run of 40 iterations, and of one that resumes from its checkpoint at 25.
+pub(crate) fn whole_and_resumed<T>(
+    scene: &TrainingScene,
+    method: &str,
+    request: &MethodRequest,
+    kept: impl Fn(&mut MethodOutcome<'_>) -> T,
+) -> [T; 2] {
+    let folder = tempfile::tempdir().unwrap();
+    // The first run's only checkpoint is the start of the second.
+    [("whole", 25), ("resumed", 0)].map(|(name, every)| {
+        let files = files(&folder.path().join(name), every);
+        fs::create_dir(folder.path().join(name)).unwrap();
+        if name == "resumed" {
+            let of_whole = folder.path().join("whole/checkpoint.bin");
+            fs::copy(of_whole, &files.checkpoint).unwrap();
+        }
+        let session = Session {
+            files: Some(files),
+            ..Session::without_files(&Silent)
+        };
+        let method = methods::find(method).unwrap();
+        let mut outcome = method.train(scene, request, &session).unwrap();
+        assert_eq!(outcome.training.state.resumed, u64::from(name == "resumed"));
+        kept(&mut outcome)
+    })
 }
 
 /// Returns the trained arrays of a method of Gaussians, each of which must have its growth in short schedules in the

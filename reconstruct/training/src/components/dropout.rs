@@ -13,7 +13,6 @@ pub const ID: &str = "dropout";
 /// Share of the Gaussians that the last step leaves out, the published value.
 const LAST_SHARE: f32 = 0.2;
 
-/// Dropout.
 pub(crate) const COMPONENT: Component = Component {
     id: ID,
     title: "Dropout of Gaussians",

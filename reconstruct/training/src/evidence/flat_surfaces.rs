@@ -27,7 +27,6 @@ const PLAUSIBLE_SLOPE: f32 = 0.3;
 /// A surface in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Observation {
-    /// Number of the view.
     pub(super) view: usize,
     /// Unit direction from the camera to the surface, world frame.
     pub(super) direction: Vec3,
@@ -197,7 +196,6 @@ impl DirectionFit {
     }
 }
 
-/// Returns the median level of all views of all surfaces.
 fn median_level(surfaces: &[Vec<Observation>]) -> f32 {
     let levels = surfaces.iter().flatten().flat_map(|seen| seen.colour);
     median(&levels.collect::<Vec<f32>>()).unwrap_or_default()

@@ -63,7 +63,6 @@ pub struct PilotFit {
     /// All points, including added ones.
     places: Vec<[f32; 3]>,
     views: Vec<RenderedView>,
-    /// Gaussians of the comparison.
     gaussians: ActivatedGaussians,
     renderer: Renderer,
     /// Gains that were removed from the views.

@@ -62,14 +62,12 @@ impl Patch {
     }
 }
 
-/// A view and its render.
 #[derive(Debug)]
 pub(super) struct RenderedView {
     /// Its number among the input views.
     pub(super) number: usize,
     pub(super) width: usize,
     pub(super) height: usize,
-    /// The image.
     shown: Vec<[f32; 3]>,
     /// Image minus render; NaN in masked and ignored pixels.
     difference: Vec<[f32; 3]>,

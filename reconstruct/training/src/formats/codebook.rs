@@ -16,7 +16,6 @@ const PALETTE_ROUNDS: usize = 2;
 /// 256 values in rising order that stand for others.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Codebook {
-    /// The values.
     pub(super) values: Vec<f32>,
 }
 
@@ -36,7 +35,6 @@ impl Codebook {
         Self { values: codes }
     }
 
-    /// Returns the number of the nearest value.
     pub(super) fn nearest(&self, value: f32) -> u8 {
         let above = self.values.partition_point(|code| *code < value);
         let above = above.min(CODES - 1);

@@ -250,7 +250,6 @@ impl FileToRead<'_> {
     }
 }
 
-/// Returns Gaussians as a table of parameters.
 fn table(gaussians: &ActivatedGaussians) -> ParameterTable {
     let mut table = ParameterTable::new(gaussians.len());
     let logs = gaussians
@@ -352,7 +351,6 @@ impl<'a> FileRows<'a> {
         Ok(())
     }
 
-    /// Returns the table.
     pub(super) fn into_table(self) -> ParameterTable {
         let kept = self.arrays.get(OPACITY_LOGITS).map_or(0, Vec::len);
         let mut table = ParameterTable::new(kept);

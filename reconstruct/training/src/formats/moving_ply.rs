@@ -20,7 +20,6 @@ use omnilife_engine::{
     parameters::{ArrayShape, ParameterTable},
 };
 
-/// Returns the names of the properties of an array.
 fn properties(shape: &ArrayShape) -> Vec<String> {
     if shape.width == 1 {
         vec![shape.name.to_owned()]

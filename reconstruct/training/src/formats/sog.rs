@@ -75,7 +75,6 @@ const IMAGES: [&str; 7] = [
     "shN_labels.webp",
 ];
 
-/// Writes Gaussians as an archive.
 pub(super) fn write(gaussians: &ActivatedGaussians) -> Result<Vec<u8>, String> {
     let size = image_size(gaussians.len())?;
     let mut order: Vec<usize> = (0..gaussians.len()).collect();
@@ -262,7 +261,6 @@ fn unpacked([a, b, c, mode]: [u8; 4]) -> Option<[f32; 4]> {
     Some(quaternion)
 }
 
-/// The palette of harmonics.
 struct WrittenHarmonics {
     rows: usize,
     codebook: Vec<f32>,

@@ -92,7 +92,6 @@ pub(super) fn write_version_3(gaussians: &ActivatedGaussians) -> Result<Vec<u8>,
     compressed().map_err(|error| error.to_string())
 }
 
-/// Returns the header that all versions begin with.
 fn header(
     gaussians: &ActivatedGaussians,
     version: u32,
@@ -228,7 +227,6 @@ fn of_three_bytes(bytes: [u8; 3]) -> [f32; 4] {
     [w, x, y, z]
 }
 
-/// Contents of the header.
 #[derive(Debug, Clone, Copy)]
 struct Header {
     version: u32,
@@ -412,7 +410,6 @@ fn check_extensions(mut zone: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Gathers the Gaussians of the arrays.
 fn gathered(
     path: &Path,
     header: &Header,

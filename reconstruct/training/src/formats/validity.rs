@@ -22,7 +22,6 @@ const LEAST_REPAIRED_LOG_SCALE: f64 = -87.0;
 /// A logit whose opacity is 1 in f32.
 const OPAQUE_LOGIT: f64 = 20.0;
 
-/// A Gaussian between a file and a table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct FileGaussian {
     /// Centre, in the units of its storage.

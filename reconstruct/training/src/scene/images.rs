@@ -14,7 +14,6 @@ use omnilife_schemas::{
 
 use crate::error::ReconstructError;
 
-/// Loads a view of a frame with its masks.
 pub(super) fn load_view(
     scene: &Scene,
     scene_path: &Path,

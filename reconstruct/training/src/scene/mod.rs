@@ -345,7 +345,6 @@ impl TrainingScene {
     }
 }
 
-/// Returns the files of the depth priors of these frames.
 fn depth_priors(scene: &Scene, folder: &Path, frames: &[u32]) -> Vec<Option<PriorFile>> {
     let of_frame = |&frame: &u32| {
         let prior = scene.frames.get(frame as usize)?.depth_prior.clone()?;

@@ -274,7 +274,6 @@ impl<'a> Trainer<'a> {
         Ok(())
     }
 
-    /// Returns an error of the engine with the scene's name.
     fn named(&self, error: EngineError) -> ReconstructError {
         ReconstructError::of_engine(&self.scene.id, error)
     }

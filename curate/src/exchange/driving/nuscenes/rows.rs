@@ -33,7 +33,6 @@ pub(super) fn rigid([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Result<Rig
     })
 }
 
-/// Returns the camera of a calibration.
 pub(super) fn camera_of(
     calibration: &CalibratedSensor,
     [width, height]: [u32; 2],
@@ -81,7 +80,6 @@ pub(super) fn box_of(row: &Annotation) -> Result<OrientedBox, String> {
     })
 }
 
-/// Returns the class of a category.
 pub(super) fn class_of(category: &str) -> ObjectClass {
     match category.split('.').next() {
         Some("vehicle") => ObjectClass::Vehicle,

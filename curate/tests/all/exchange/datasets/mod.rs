@@ -30,7 +30,6 @@ fn placed(number: u8) -> (DMat3, DVec3) {
     (DMat3::from_quat(turn), place)
 }
 
-/// Rows of a matrix.
 fn rows(matrix: DMat3) -> [[f64; 3]; 3] {
     matrix.transpose().to_cols_array_2d()
 }

@@ -27,7 +27,6 @@ pub(super) struct ComparedFrame<'a> {
     pub(super) texels: &'a Texels,
     rays: &'a Rays,
     surface: Surface,
-    /// Its colours, channel by channel.
     channels: [Vec<f32>; 3],
 }
 

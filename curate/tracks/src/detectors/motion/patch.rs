@@ -40,7 +40,6 @@ impl Patch {
         }
     }
 
-    /// Returns all of them.
     pub(super) fn pixels(&self) -> &[usize] {
         &self.pixels
     }

@@ -29,7 +29,6 @@ impl Texels {
         }
     }
 
-    /// Distances alone.
     pub(super) fn distances(&self) -> DistanceMap {
         DistanceMap {
             width: self.width,
@@ -48,7 +47,6 @@ impl Texels {
         self.values[pixel][3]
     }
 
-    /// Returns the colour of a pixel.
     pub(super) fn colour(&self, pixel: usize) -> [f32; 3] {
         let [red, green, blue, _] = self.values[pixel];
         [red, green, blue]

@@ -28,14 +28,12 @@ impl Rays {
         Self { width, axes }
     }
 
-    /// Returns the ray of a pixel.
     #[inline]
     pub(super) fn at(&self, pixel: usize) -> Vec3 {
         let [x, y, z] = &self.axes;
         Vec3::new(x[pixel], y[pixel], z[pixel])
     }
 
-    /// Returns the rays of a row.
     fn row(&self, row: usize) -> [&[f32]; 3] {
         let pixels = row * self.width..(row + 1) * self.width;
         [0, 1, 2].map(|axis| &self.axes[axis][pixels.clone()])

@@ -110,7 +110,6 @@ impl PlanarSimilarity {
     }
 }
 
-/// A point of a template.
 #[derive(Debug, Clone, Copy)]
 struct TemplatePoint {
     /// Position around the template's centre.

@@ -23,7 +23,6 @@ use crate::{
     },
 };
 
-/// Kernels of all fields.
 #[derive(Debug)]
 pub(crate) struct FieldKernels {
     grid: GridKernels,
@@ -62,7 +61,6 @@ pub(crate) struct DeviceField {
     moves: Rows,
     /// Counter of refused gradients.
     counter: usize,
-    /// Positions of all rows.
     pub(crate) positions: DeviceBuffer<f32>,
 }
 
@@ -90,7 +88,6 @@ impl DeviceField {
         })
     }
 
-    /// Returns the buffer of the outputs of all rows.
     pub(crate) fn outputs(&self) -> &Buffer {
         &self.network.outputs.raw
     }
@@ -209,12 +206,10 @@ impl DeviceField {
 }
 
 impl GridField {
-    /// Returns the sizes of the network.
     pub(crate) fn network(&self) -> NetworkShape {
         self.network
     }
 
-    /// Returns the grid.
     pub(crate) fn grid(&self) -> &HashGrid {
         &self.grid
     }

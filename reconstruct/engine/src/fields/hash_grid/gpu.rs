@@ -22,7 +22,6 @@ const SUM_WORDS: usize = 2 * FEATURES + 1;
 const GROUP_ENTRIES: u32 = 1 << 19;
 
 wgsl_struct! {
-    /// One level.
     pub(crate) struct GridLevel {
         scale: f32,
         stride: u32,

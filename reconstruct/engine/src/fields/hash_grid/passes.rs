@@ -118,7 +118,6 @@ impl HashGrid {
         out[active.min(self.features())..].fill(0.0);
     }
 
-    /// Returns the levels with an active feature.
     fn used(&self, active: usize) -> impl Iterator<Item = &Level> {
         self.levels.iter().take(active.div_ceil(FEATURES))
     }

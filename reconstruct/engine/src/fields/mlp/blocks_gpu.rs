@@ -20,7 +20,6 @@ wgsl_struct! {
 /// Number of rows of a block in one pass of the kernels.
 #[derive(Debug)]
 pub(crate) struct BlockPass {
-    /// Rows.
     pub(crate) rows: Rows,
     /// Tiles of [`SIDE`] rows that cover them.
     pub(super) squares: Rows,
@@ -47,7 +46,6 @@ pub(crate) struct Block {
     pub(crate) first: usize,
     /// Capacity in rows.
     pub(super) room: usize,
-    /// Uniform with these sizes.
     pub(crate) uniform: Uniform<BlockRows>,
     /// Rows of the forward pass.
     pub(crate) once: BlockPass,

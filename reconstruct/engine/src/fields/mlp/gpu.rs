@@ -73,7 +73,6 @@ pub(crate) struct NetworkBuffers {
     keeps_activations: bool,
     /// Inputs that all rows share; the host sets them.
     pub(crate) shared: DeviceBuffer<f32>,
-    /// Outputs of all rows.
     pub(crate) outputs: DeviceBuffer<f32>,
     /// Gradients by the outputs.
     pub(crate) upstream: DeviceBuffer<f32>,

@@ -1,6 +1,5 @@
 //! Products of f32 matrices, transposed or not, on one thread.
 
-/// A factor of a product.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Factor<'a> {
     values: &'a [f32],

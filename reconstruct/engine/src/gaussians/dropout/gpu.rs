@@ -43,7 +43,6 @@ pub(crate) struct DropoutPrograms {
 }
 
 impl DropoutKernels {
-    /// Records the programs on activated Gaussians.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,

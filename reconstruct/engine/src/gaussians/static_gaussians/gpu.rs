@@ -19,7 +19,6 @@ use crate::{
 };
 
 wgsl_struct! {
-    /// Offsets of the arrays.
     pub(crate) struct StaticArrays {
         len: u32,
         first: u32,

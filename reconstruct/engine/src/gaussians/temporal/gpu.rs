@@ -127,7 +127,6 @@ pub struct DeviceTime {
 }
 
 impl DeviceTime {
-    /// Creates the uniform of a part.
     fn new(temporal: TemporalGaussians, part: &NewDevicePart<'_>) -> Result<Self, GpuError> {
         let NewDevicePart {
             gpu,

@@ -30,7 +30,6 @@ wgsl_struct! {
         numbers: u32,
     }
 
-    /// An object at a moment.
     pub(crate) struct ObjectPlace {
         rotation: [f32; 4],
         centre: [f32; 3],

@@ -39,7 +39,6 @@ pub(crate) struct Maps {
     pixels: usize,
 }
 
-/// Kind of loss on maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum MapLoss {
     /// Velocities and lifespans of all Gaussians.

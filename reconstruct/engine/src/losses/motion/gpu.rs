@@ -9,7 +9,6 @@ use crate::{
 };
 
 wgsl_struct! {
-    /// Weight of the loss.
     pub(crate) struct MotionWeight {
         weight: f32,
         seen_alone: u32,

@@ -97,7 +97,6 @@ pub(crate) fn target_image(
     Ok((image, view.counted_pixels()))
 }
 
-/// Weights of a loss.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct LossWeights {
     /// Weight of `1 - SSIM` against L1.

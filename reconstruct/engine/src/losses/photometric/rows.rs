@@ -370,7 +370,6 @@ fn gradient_strip<S: Simd>(
     }
 }
 
-/// Computes one row of the gradient.
 #[inline(always)]
 fn gradient_row<S: Simd>(
     simd: S,

@@ -25,7 +25,6 @@ pub(super) struct RowShape {
 }
 
 impl RowShape {
-    /// Returns the values per row.
     pub(super) fn values(&self) -> usize {
         self.width * CHANNELS
     }
@@ -77,7 +76,6 @@ impl Strip {
         self.vectors() * LANES
     }
 
-    /// Returns the vectors per row.
     pub(super) fn vectors(&self) -> usize {
         self.values().len().div_ceil(LANES)
     }

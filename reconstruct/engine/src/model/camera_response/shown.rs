@@ -209,7 +209,6 @@ impl GainLevel {
     }
 }
 
-/// Tone curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Curve {
     /// `e^p`.

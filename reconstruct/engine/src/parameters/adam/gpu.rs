@@ -68,7 +68,6 @@ impl TableStep {
         })
     }
 
-    /// Returns the uniform with the settings.
     pub(crate) fn settings(&self) -> &Buffer {
         &self.settings.raw
     }

@@ -18,7 +18,6 @@ pub(super) struct CameraGaussians8<S: Simd> {
     pub(super) point: Vec3x8<S>,
     /// Lengths of the points.
     pub(super) distance: f32x8<S>,
-    /// Inverse of the distances.
     pub(super) inverse_distance: f32x8<S>,
     /// `M = R S` in world coordinates.
     pub(super) axes: [Vec3x8<S>; 3],

@@ -10,7 +10,6 @@ pub(crate) const BLOCK: usize = 1024;
 const DIGIT_BITS: u32 = 8;
 
 wgsl_struct! {
-    /// One pass of the sort.
     pub(crate) struct SortPass {
         /// Lowest bit of the digit in the key.
         shift: u32,
@@ -89,10 +88,8 @@ kernels! {
     pub(crate) struct RadixSort() = shader() => [count_digits, sum_digits, move_pairs];
 }
 
-/// Number of pairs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PairCount<'a> {
-    /// One number.
     pub(crate) count: &'a DeviceBuffer<u32>,
     /// Workgroups that cover all blocks of pairs.
     pub(crate) blocks: Workgroups<'a>,

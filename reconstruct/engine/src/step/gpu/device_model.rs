@@ -85,7 +85,6 @@ pub(super) struct DevicePart {
     pub(super) parameterization: Box<dyn DeviceParameterization>,
 }
 
-/// Parameter tables of a part.
 #[derive(Debug)]
 pub(super) struct PartTables {
     pub(super) table: TableBuffers,
@@ -439,7 +438,6 @@ impl DeviceModel {
         }
     }
 
-    /// Returns the programs of a step, in their order.
     pub(super) fn programs(&self, uses: StepUses) -> impl Iterator<Item = &Program> {
         let activation = self.activation(uses.shared);
         let of_shared = self.with_shared.as_ref().filter(|_| uses.shared);

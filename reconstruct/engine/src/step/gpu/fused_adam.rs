@@ -74,7 +74,6 @@ pub(super) fn check(model: &Model, settings: &TrainSettings) -> Result<(), Engin
     })
 }
 
-/// The kernel.
 #[derive(Debug)]
 pub(super) struct FusedAdam {
     update_gaussians: Kernel,

@@ -39,7 +39,7 @@ use crate::{
     device::{DeviceBuffer, Gpu, GpuError, timer::StageTimer},
     gaussians::parameterization::Viewpoint,
     losses::photometric::gpu::{loss_value, plain_levels, target_image},
-    model::{Model, TrainedArray},
+    model::Model,
     render::{
         buffers::{DeviceStatus, HALTED_FULL, HALTED_RUNNING, RenderShape},
         gpu::with_slack,
@@ -325,7 +325,6 @@ impl<'a> GpuStepper<'a> {
         Ok(())
     }
 
-    /// Returns the next step on an input view.
     fn next_step(&mut self, view: usize, schedule: &StepSchedule) -> Pending {
         let seen = &self.inputs.views[view].view;
         let at = Viewpoint::of_step(seen, schedule.shift_frames, schedule.scheduled);
@@ -407,20 +406,8 @@ impl Stepper for GpuStepper<'_> {
         self.gpu.record()
     }
 
-    fn gaussians(&self) -> usize {
-        self.model.len()
-    }
-
-    fn gaussians_with_times(&self) -> usize {
-        self.model.len_with_times()
-    }
-
-    fn objects(&self) -> Option<usize> {
-        self.model.objects()
-    }
-
-    fn arrays(&self) -> Vec<TrainedArray> {
-        self.model.trained_arrays()
+    fn sizes(&self) -> &Model {
+        &self.model
     }
 
     fn step(&mut self, view: usize, schedule: &StepSchedule) -> Result<(), EngineError> {

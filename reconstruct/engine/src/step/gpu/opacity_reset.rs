@@ -27,7 +27,6 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Kernel of opacity resets.
 #[derive(Debug)]
 pub(super) struct OpacityResets {
     reset_opacities: Kernel,

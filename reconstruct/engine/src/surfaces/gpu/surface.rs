@@ -115,7 +115,6 @@ impl Networks {
         ]))
     }
 
-    /// Returns the buffers of a field's network.
     fn of(
         &self,
         gpu: &Gpu,

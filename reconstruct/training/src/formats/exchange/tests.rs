@@ -34,7 +34,6 @@ pub(in crate::formats) fn varied(len: usize, degree: usize) -> ActivatedGaussian
     gaussians
 }
 
-/// Returns the activated Gaussians of a file's bytes.
 pub(in crate::formats) fn activated(
     name: &str,
     bytes: &[u8],

@@ -35,7 +35,6 @@ pub(super) fn size(of: &Value, name: &str, default: usize) -> Result<usize, Stri
 pub(super) struct Column<'a> {
     bytes: &'a [u8],
     stride: usize,
-    /// Number of rows.
     pub(super) count: usize,
     component: u64,
     is_normalized: bool,

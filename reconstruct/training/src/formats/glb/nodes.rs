@@ -68,7 +68,6 @@ impl NodePlace {
         }
     }
 
-    /// Moves a point to its place.
     pub(super) fn place(&self, point: DVec3) -> DVec3 {
         self.rotation * point * self.scale + self.translation
     }

@@ -28,7 +28,6 @@ pub(super) mod columns {
         &[(VELOCITY, 3), (PEAK, 1), (DURATION, 1), (OBJECT, 1)];
 }
 
-/// Description of an array.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct ArrayHeader {
     pub(super) name: String,
@@ -105,7 +104,6 @@ impl ArrayHeader {
         Ok(())
     }
 
-    /// Returns the bytes of a number of rows.
     pub(super) fn bytes(&self, rows: usize) -> u64 {
         let row = (self.width as u64).saturating_mul(self.kind.bytes() as u64);
         row.saturating_mul(rows as u64)

@@ -28,7 +28,6 @@ pub(super) struct Header {
     pub(super) parts: Vec<PartHeader>,
 }
 
-/// Units, by name.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct Units {
     #[serde(default)]
@@ -140,13 +139,11 @@ impl Header {
         })
     }
 
-    /// Returns the number of Gaussians.
     pub(super) fn count(&self) -> u64 {
         let counts = self.parts.iter().map(|part| part.count as u64);
         counts.fold(0, u64::saturating_add)
     }
 
-    /// Returns the bytes of all arrays.
     pub(super) fn array_bytes(&self) -> u64 {
         let parts = self.parts.iter();
         let bytes = parts.flat_map(|part| part.arrays.iter().map(|array| array.bytes(part.count)));

@@ -114,7 +114,6 @@ fn what_is_missing_is_named() -> Result<(), Box<dyn std::error::Error>> {
     assert!(refused(many)?.contains("ends after 2 of 9"));
     Ok(())
 }
-/// Returns a file of rows of these columns, in text.
 fn text(columns: &[&str], rows: &[Vec<f64>]) -> String {
     let count = rows.len();
     let mut text = format!("ply\nformat ascii 1.0\nelement vertex {count}\n");

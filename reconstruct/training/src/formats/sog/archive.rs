@@ -22,7 +22,6 @@ const DATE: u16 = 0x21;
 /// Maximum size of a compressed file, bytes: images hardly become smaller, but hostile files do.
 const MOST_INFLATED_BYTES: usize = 256 << 20;
 
-/// Bundles files, in their order.
 pub(super) fn bundled(files: &[(&str, Vec<u8>)]) -> Result<Vec<u8>, String> {
     let word = |size: usize| {
         let word = u32::try_from(size).map_err(|_| "an archive without extensions holds 4 GiB");
@@ -63,7 +62,6 @@ pub(super) fn bundled(files: &[(&str, Vec<u8>)]) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// An archive in memory.
 #[derive(Debug)]
 pub(super) struct Archive<'a> {
     bytes: &'a [u8],
@@ -82,7 +80,6 @@ struct Entry<'a> {
 }
 
 impl<'a> Archive<'a> {
-    /// Reads the directory.
     pub(super) fn open(bytes: &'a [u8]) -> Result<Self, String> {
         let tail_at = bytes
             .len()
@@ -109,7 +106,6 @@ impl<'a> Archive<'a> {
         Ok(Self { bytes, entries })
     }
 
-    /// Returns the content of a file.
     pub(super) fn file(&self, name: &str) -> Result<Cow<'a, [u8]>, String> {
         let mut entries = self.entries.iter();
         let entry = entries

@@ -11,7 +11,6 @@ pub(super) struct Record {
     pub(super) version: u32,
     #[serde(default)]
     pub(super) asset: Asset,
-    /// Number of Gaussians.
     pub(super) count: u64,
     pub(super) means: Means,
     pub(super) scales: CodedValues,
@@ -43,7 +42,6 @@ pub(super) struct CodedValues {
     pub(super) files: [String; 1],
 }
 
-/// Rotations.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Rotations {
     pub(super) files: [String; 1],
@@ -66,7 +64,6 @@ struct Tag {
 }
 
 impl Record {
-    /// Parses a record.
     pub(super) fn parse(bytes: &[u8]) -> Result<Self, String> {
         let malformed = |error: serde_json::Error| format!("has a malformed record: {error}");
         let tag: Tag = serde_json::from_slice(bytes).map_err(malformed)?;

@@ -28,7 +28,6 @@ fn contents(bytes: &[u8], degree: usize) -> Contents {
         .collect()
 }
 
-/// Returns the archive with a changed record.
 fn with_record(bytes: &[u8], change: impl Fn(&mut Value)) -> Vec<u8> {
     let mut files = contents(bytes, 3);
     let mut record: Value = serde_json::from_slice(&files[0].1).expect("a record");

@@ -44,7 +44,6 @@ pub(super) struct Watch {
     spent: Duration,
 }
 
-/// Row of the trace to be shown.
 pub(super) struct WatchedRow<'a> {
     /// State of the loop, whose trace ends with the row.
     pub(super) state: &'a LoopState,

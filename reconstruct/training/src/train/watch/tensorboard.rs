@@ -38,7 +38,6 @@ const RGB: u64 = 3;
 const STATUS: u64 = 1;
 const START: u64 = 1;
 
-/// Event file that grows.
 #[derive(Debug)]
 pub(super) struct EventFile(GrowingFile);
 
@@ -60,7 +59,6 @@ impl EventFile {
         Ok(file)
     }
 
-    /// Appends scalars and images of an iteration.
     pub(super) fn add(
         &mut self,
         iteration: u64,
