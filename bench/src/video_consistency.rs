@@ -57,7 +57,10 @@ impl VideoConsistency {
 pub fn video_consistency(folder: &Path) -> Result<VideoConsistency, BenchError> {
     let network = Lpips::published(Backbone::Alex)?;
     let paths = store::paths_in(folder)?.into_iter();
-    let is_png = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "png");
+    let is_png = |path: &PathBuf| {
+        let is_png = path.extension().is_some_and(|extension| extension == "png");
+        is_png && !store::is_hidden(path)
+    };
     let (images, others): (Vec<PathBuf>, Vec<PathBuf>) = paths.partition(is_png);
     let features = |size: [usize; 2], image: &[u8]| {
         network

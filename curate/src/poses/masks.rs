@@ -30,10 +30,11 @@ pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
     files_of(folder, EXTENSIONS)
 }
 
-/// Lists the files of a folder with one of these extensions (lower case), sorted.
+/// Lists the visible files of a folder with one of these extensions (lower case), sorted.
 fn files_of(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>, CurateError> {
     Ok(store::paths_in(folder)?
         .into_iter()
+        .filter(|path| !store::is_hidden(path))
         .filter(|path| {
             path.extension()
                 .and_then(|extension| extension.to_str())

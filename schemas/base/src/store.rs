@@ -308,6 +308,13 @@ pub fn paths_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     entries_in(folder, DirEntry::path)
 }
 
+/// Returns true for an entry whose name begins with a dot. macOS leaves such a file (`._clip.mp4`) beside each of its
+/// files on the cards of cameras, under the same extension and with other content.
+pub fn is_hidden(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default();
+    name.as_encoded_bytes().starts_with(b".")
+}
+
 fn entries_in<T: Ord>(folder: &Path, of: impl Fn(&DirEntry) -> T) -> Result<Vec<T>, StoreError> {
     let failed = |source| StoreError::read(folder, source);
     let entries = fs::read_dir(folder).map_err(failed)?;
