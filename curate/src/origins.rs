@@ -76,9 +76,9 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Origins, CurateError> {
     let text = text.trim_start_matches('\u{feff}');
     let is_json = path
         .extension()
-        .is_some_and(|extension| extension == "json");
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
     let rows: Vec<Row> = if is_json {
-        serde_json::from_str(text).map_err(|error| malformed(error.to_string()))?
+        serde_json::from_str(text).map_err(|error| malformed(store::json_fault(text, &error)))?
     } else {
         let mut table = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)

@@ -27,8 +27,8 @@ use sha2::{Digest, Sha256};
 use crate::error_kind::{self, Classified, ErrorKind};
 pub use growing::GrowingFile;
 pub use records::{
-    Record, is_read_as, read_record, record_bytes, record_line, schema_of, update_record,
-    write_record, write_record_hashed,
+    Record, is_read_as, json_fault, read_record, record_bytes, record_line, schema_of,
+    update_record, write_record, write_record_hashed,
 };
 pub use temporary::{Unfinished, remove_abandoned, temporary_beside};
 

@@ -39,7 +39,7 @@ pub const DETECTOR: Detector = Detector {
         })?;
         let is_json = file
             .extension()
-            .is_some_and(|extension| extension == "json");
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
         let format = if is_json {
             BoxFormat::Coco
         } else {
