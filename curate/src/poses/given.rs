@@ -143,7 +143,7 @@ fn record(path: &Path) -> Result<Poses, store::StoreError> {
 /// Reads a record of poses, its frames in order of time.
 ///
 /// # Errors
-/// When it cannot be read, a pose is not finite or has no rotation, or two share one instant.
+/// When it cannot be read, a pose is not finite or has no unit quaternion, or two share one instant.
 fn sorted_record(path: &Path) -> Result<Poses, CurateError> {
     let mut record = record(path)?;
     if let Some(bad) = record
@@ -159,6 +159,13 @@ fn sorted_record(path: &Path) -> Result<Poses, CurateError> {
             ),
         )
         .into());
+    }
+    if let Some(bad) = record.frames.iter().find(|frame| !frame.pose.is_unit()) {
+        let reason = format!(
+            "rotation_wxyz at {} s must be a unit quaternion, got {:?}",
+            bad.time_seconds, bad.pose.rotation_wxyz
+        );
+        return Err(store::StoreError::malformed(path, reason).into());
     }
     record
         .frames

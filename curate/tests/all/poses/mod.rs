@@ -297,6 +297,10 @@ fn poses_that_fit_nothing_or_are_broken_are_refused() {
     broken.rotation_wxyz = [0.0; 4];
     write(vec![frame(0.0, broken)], None);
     refused("has no rotation");
+    // Degrees, or a quaternion in another place of the row.
+    broken.rotation_wxyz = [0.0, 90.0, 0.0, 0.0];
+    write(vec![frame(0.0, broken)], None);
+    refused("must be a unit quaternion");
     write(vec![frame(0.0, pose_at(0.0))], Some("nowhere.ply"));
     refused("nowhere.ply");
     fs::write(&file, "{}").unwrap();
