@@ -93,11 +93,18 @@ pub(crate) fn find(folder: &Path, frames: &[FrameEntry]) -> Result<Vec<PathBuf>,
     if found.len() == frames.len() {
         return Ok(found);
     }
+    let taken: BTreeSet<&PathBuf> = found.iter().collect();
+    let files = files(folder)?;
+    let other = files.iter().find(|file| !taken.contains(file));
+    let other = match other.and_then(|file| file.file_name()) {
+        Some(name) => format!("other files are named like {}", name.to_string_lossy()),
+        None => "it has no other PNG or JPEG files".to_owned(),
+    };
     Err(CurateError::input(
         folder,
         format!(
             "has images for {} of {} frames; the first without one is {first_missing} (they are \
-             named like the frames)",
+             named like the frames); {other}",
             found.len(),
             frames.len()
         ),
