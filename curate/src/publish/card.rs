@@ -154,7 +154,7 @@ fn size_category(rows: usize) -> &'static str {
 
 /// Files of a dataset: an entry of a video's folder without which the row is left out (empty for files of every
 /// dataset), their names, and their content.
-const FILES: [(&str, &str, &str); 21] = [
+const FILES: [(&str, &str, &str); 26] = [
     (
         "",
         "`dataset.json`",
@@ -244,6 +244,31 @@ const FILES: [(&str, &str, &str); 21] = [
         "frames-straight",
         "`videos/*/seq-*/frames-straight/`",
         "perspective frames without the distortion of their lens",
+    ),
+    (
+        "depth-prior",
+        "`videos/*/seq-*/depth-prior/`",
+        "estimated distances along the rays",
+    ),
+    (
+        "dynamic-masks",
+        "`videos/*/seq-*/dynamic-masks/`",
+        "dynamic masks as detected, with their source",
+    ),
+    (
+        "split.json",
+        "`videos/*/seq-*/*/split.json`",
+        "input and novel frames of a protocol",
+    ),
+    (
+        "run.json",
+        "`videos/*/seq-*/*/*/run/`",
+        "runs of methods on a split: record, model, predictions",
+    ),
+    (
+        "result.json",
+        "`videos/*/seq-*/*/*/score/`",
+        "scores of these runs",
     ),
     ("", "`statistics/`", "counts as CSV and figures"),
     (
