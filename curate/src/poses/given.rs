@@ -235,6 +235,9 @@ fn from_record(path: &Path, frames: &FrameList) -> Result<PosedSequence, CurateE
         })
         .collect();
     let mut validation = unchecked(&poses);
+    validation
+        .problems
+        .extend(other_times(&record.frames, &poses, frames));
     let masked = masks.iter().flatten().count();
     if masked > 0 && masked < masks.len() {
         validation.problems.push(format!(
@@ -251,6 +254,20 @@ fn from_record(path: &Path, frames: &FrameList) -> Result<PosedSequence, CurateE
         points,
         scale: record.scale,
         source: given_by(path),
+    })
+}
+
+/// Returns a line on the times of poses that fit less than half of the frames: their unit or start may be another.
+fn other_times(given: &[PosedFrame], poses: &[Option<Pose>], frames: &FrameList) -> Option<String> {
+    let posed = poses.iter().flatten().count();
+    let [first, last] = [given.first()?, given.last()?].map(|frame| frame.time_seconds);
+    let [begin, end] =
+        [frames.entries.first()?, frames.entries.last()?].map(|entry| entry.time_seconds);
+    (2 * posed < poses.len()).then(|| {
+        format!(
+            "poses are from {first:.3} s to {last:.3} s, the frames from {begin:.3} s to {end:.3} s: their times may \
+             have another unit or start"
+        )
     })
 }
 
