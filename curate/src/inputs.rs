@@ -66,7 +66,7 @@ fn videos_in(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
         return Err(CurateError::input(
             folder,
             format!(
-                "holds no videos ({}) and no images{others}",
+                "holds no videos ({}) and no PNG or JPEG images{others}",
                 VIDEO_EXTENSIONS.join(", ")
             ),
         ));

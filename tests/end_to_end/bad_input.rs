@@ -299,6 +299,8 @@ fn numbers_that_make_no_sense() {
         (["--iterations", "0"], "at least 1"),
         (["--set", "max-gaussians=0"], "1 at least"),
         (["--max-frames", "0"], "positive number"),
+        (["--width", "0"], "frame width of 0 pixels"),
+        (["--width", "65"], "frame width of 65 pixels"),
         (["--fps", "0"], "positive number"),
         (["--fps", "nan"], "positive number"),
         (["--budget", "0"], "a positive number of seconds"),
@@ -311,8 +313,10 @@ fn numbers_that_make_no_sense() {
 #[test]
 fn settings_that_do_not_fit_the_video() {
     for (arguments, reason) in [
-        (["--width", "0"], "frame width of 0 pixels"),
-        (["--width", "65"], "frame width of 65 pixels"),
+        (
+            ["--width", "514"],
+            "514 pixels is more than the video's own 512",
+        ),
         (["--min-shot", "3"], "none of its shots lasts 3 s"),
     ] {
         let folder = scratch();
