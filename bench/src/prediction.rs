@@ -19,6 +19,10 @@ mod arrays;
 
 pub use arrays::scored_bytes;
 
+/// File name endings of images that are never read as predictions, in lower case.
+const OTHER_FORMATS: [&str; 9] = [
+    "bmp", "exr", "hdr", "jpeg", "jpg", "npz", "tif", "tiff", "webp",
+];
 /// Folder of predicted distances in a folder of predictions.
 const DEPTH_FOLDER: &str = "depth";
 
@@ -32,6 +36,8 @@ pub(crate) struct PredictionFolder {
     arrays: BTreeSet<u32>,
     /// Names of images with the number of a frame in another form than its file name.
     other_names: BTreeMap<u32, String>,
+    /// Names of images with the number of a frame in a format that is not read.
+    other_formats: BTreeMap<u32, String>,
     /// Frames that predictions may fill, whose padding is cut off.
     padded: Option<PaddedFrame>,
     /// Images that are not the prediction of a scored frame.
@@ -43,9 +49,14 @@ impl PredictionFolder {
     pub(crate) fn open(folder: &Path, frames: &[u32]) -> Result<Self, StoreError> {
         let mut found = Self::refused(folder, None);
         for name in store::names_in(folder)? {
-            let Some(stem) = image_stem(&name) else {
+            let Some((stem, is_read)) = image_stem(&name) else {
                 continue;
             };
+            let of_frame = stem.parse().ok().filter(|frame| frames.contains(frame));
+            if let (Some(frame), false) = (of_frame, is_read) {
+                found.other_formats.insert(frame, name);
+                continue;
+            }
             if frames.iter().any(|&frame| name == file_name(frame)) {
                 continue;
             }
@@ -53,7 +64,7 @@ impl PredictionFolder {
                 found.arrays.insert(frame);
                 continue;
             }
-            if let Some(frame) = stem.parse().ok().filter(|frame| frames.contains(frame)) {
+            if let Some(frame) = of_frame {
                 found.other_names.insert(frame, name.clone());
             }
             found.strays.push(name);
@@ -68,6 +79,7 @@ impl PredictionFolder {
             refusal: reason,
             arrays: BTreeSet::new(),
             other_names: BTreeMap::new(),
+            other_formats: BTreeMap::new(),
             padded: None,
             strays: Vec::new(),
         }
@@ -145,7 +157,10 @@ impl PredictionFolder {
                 (io::ErrorKind::NotFound, Some(other)) => {
                     format!("{name} is missing; {other} is not its name")
                 }
-                (io::ErrorKind::NotFound, None) => format!("{name} is missing"),
+                (io::ErrorKind::NotFound, None) => match self.other_formats.get(&frame) {
+                    Some(other) => format!("{name} is missing; {other} must be PNG or .npy"),
+                    None => format!("{name} is missing"),
+                },
                 (kind, _) => format!("{name} cannot be read: {kind}"),
             })?;
         if let Some(other) = other {
@@ -226,11 +241,16 @@ fn array_name(frame: u32) -> String {
     format!("{frame:06}.npy")
 }
 
-/// Returns the name without its ending, of visible images and arrays.
-fn image_stem(name: &str) -> Option<&str> {
+/// Returns the name of a visible image or array without its ending, and true if its format is read.
+fn image_stem(name: &str) -> Option<(&str, bool)> {
     let (stem, ending) = name.rsplit_once('.')?;
-    let is_image = ["png", "npy"].map(|known| ending.eq_ignore_ascii_case(known));
-    (is_image.contains(&true) && !name.starts_with('.')).then_some(stem)
+    let is_one_of = |endings: &[&str]| {
+        let mut known = endings.iter();
+        known.any(|known| ending.eq_ignore_ascii_case(known))
+    };
+    let is_read = is_one_of(&["png", "npy"]);
+    let is_image = is_read || is_one_of(&OTHER_FORMATS);
+    (is_image && !name.starts_with('.')).then_some((stem, is_read))
 }
 
 fn read_npy(file: &Path, name: &str) -> Result<npy::Array, String> {

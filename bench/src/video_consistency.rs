@@ -56,7 +56,10 @@ impl VideoConsistency {
 /// is too small for the network.
 pub fn video_consistency(folder: &Path) -> Result<VideoConsistency, BenchError> {
     let paths = store::paths_in(folder)?.into_iter();
-    let is_png = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "png");
+    let is_png = |path: &PathBuf| {
+        let is_png = path.extension().is_some_and(|extension| extension == "png");
+        is_png && !store::is_hidden(path)
+    };
     let (images, others): (Vec<PathBuf>, Vec<PathBuf>) = paths.partition(is_png);
     if images.len() < 2 {
         return Err(too_few(folder, images.len()));

@@ -117,7 +117,10 @@ pub(crate) fn effective_projection(
         .evidence
         .iter()
         .any(|evidence| evidence.test.starts_with("black-") && evidence.value > evidence.limit);
-    let hint = if found.projection == VideoProjection::Unsure && has_border {
+    let hint = if analysis.probe.rotation_degrees.rem_euclid(180.0) != 0.0 {
+        "its container gives it a quarter turn; if the stored image is upright, take that out: \
+         ffmpeg -display_rotation 0 -i IN -c copy OUT"
+    } else if found.projection == VideoProjection::Unsure && has_border {
         "cut its black border off first: ffmpeg -i IN -vf crop=W:H:X:Y OUT, with W:H:X:Y from \
          ffmpeg -i IN -vf cropdetect -f null -"
     } else if analysis

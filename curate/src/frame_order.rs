@@ -89,10 +89,10 @@ fn differ_before_numbers<'a>(files: impl IntoIterator<Item = &'a Path>) -> bool 
     begins.len() > 1
 }
 
-/// Returns the images of a folder, PNG or JPEG, in natural order.
+/// Returns the visible images of a folder, PNG or JPEG, in natural order.
 pub(crate) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut files = store::paths_in(folder)?;
-    files.retain(|file| has_extension(file, &["png", "jpg", "jpeg"]));
+    files.retain(|file| !store::is_hidden(file) && has_extension(file, &["png", "jpg", "jpeg"]));
     files.sort_by(|a, b| natural_paths(a, b));
     Ok(files)
 }

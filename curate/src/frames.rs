@@ -15,6 +15,7 @@ use omnilife_video::{Converter, Rgb8Image, Scaling, VideoReader};
 
 use crate::{
     error::CurateError,
+    settings,
     sphere_layouts::{self, ToErp},
 };
 
@@ -138,11 +139,8 @@ pub fn frame_size(
             .map_err(|reason| CurateError::input(video, reason))?;
     }
     let width = width.unwrap_or(native.min(DEFAULT_WIDTH_PIXELS));
-    if width < 16 || width % 2 == 1 {
-        return Err(CurateError::input(
-            video,
-            format!("a frame width of {width} pixels is not an even number of at least 16"),
-        ));
+    if !settings::is_frame_width(width) {
+        return Err(CurateError::input(video, settings::width_fault(width)));
     }
     if width > native {
         return Err(CurateError::input(

@@ -21,10 +21,16 @@ const OTHER_VIDEO_EXTENSIONS: &[&str] = &[
 
 /// Extensions of still images, in lower case. They are taken only from a folder without videos; those other than PNG
 /// and JPEG never.
-const IMAGE_EXTENSIONS: &[&str] = &["jpg", "jpeg", "png", "insp", "dng", "heic", "tif", "tiff"];
+const IMAGE_EXTENSIONS: &[&str] = &[
+    "avif", "bmp", "dng", "exr", "heic", "heif", "insp", "jpeg", "jpg", "png", "tif", "tiff",
+    "webp",
+];
 
-/// Replaces every folder by the videos directly in it, sorted by name. Files stay as they are, and so does a folder of
-/// images without videos: still panoramas.
+/// Reason why a hidden file is not taken.
+const HIDDEN: &str = "a hidden file, which is taken only where it is named";
+
+/// Replaces every folder by the visible videos directly in it, sorted by name. Files stay as they are, and so does a
+/// folder of images without videos: still panoramas.
 ///
 /// # Errors
 /// [`CurateError::Input`] for a path that does not exist and for a folder without videos and images.
@@ -46,6 +52,7 @@ fn videos_in(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
     let videos: Vec<PathBuf> = store::paths_in(folder)?
         .into_iter()
         .filter(|path| path.is_file() && has_extension(path, VIDEO_EXTENSIONS))
+        .filter(|path| !store::is_hidden(path))
         .collect();
     if videos.is_empty() && stills::has_images(folder)? {
         return Ok(vec![folder.to_owned()]);
@@ -59,7 +66,7 @@ fn videos_in(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
         return Err(CurateError::input(
             folder,
             format!(
-                "holds no videos ({}) and no images{others}",
+                "holds no videos ({}) and no PNG or JPEG images{others}",
                 VIDEO_EXTENSIONS.join(", ")
             ),
         ));
@@ -118,15 +125,24 @@ fn left_out_of(folder: &Path, taken: &BTreeSet<PathBuf>) -> Result<Vec<InputFile
         }
         if is_real_folder(&path) {
             add_videos_below(&path, &name, taken, &mut files);
-        } else if has_extension(&path, OTHER_VIDEO_EXTENSIONS) && !taken.contains(&located(&path)) {
-            let extension = extension(&path);
-            files.push(InputFile {
-                file: name,
-                reason: format!("a .{extension} file, which is taken only where it is named"),
-            });
+        } else if let Some(reason) = reason_of_video(&path)
+            && !taken.contains(&located(&path))
+        {
+            files.push(InputFile { file: name, reason });
         }
     }
     Ok(files)
+}
+
+/// Returns why a video in a folder is not taken; `None` if it is, and for other files.
+fn reason_of_video(path: &Path) -> Option<String> {
+    if has_extension(path, OTHER_VIDEO_EXTENSIONS) {
+        let extension = extension(path);
+        return Some(format!(
+            "a .{extension} file, which is taken only where it is named"
+        ));
+    }
+    (store::is_hidden(path) && has_extension(path, VIDEO_EXTENSIONS)).then(|| HIDDEN.to_owned())
 }
 
 /// Returns why an image in a folder is not taken; `None` if it is, and for other files.
@@ -136,6 +152,7 @@ fn reason_of_image(path: &Path, is_of_stills: bool) -> Option<String> {
         return None;
     }
     match (is_of_stills, extension.as_str()) {
+        (true, "jpg" | "jpeg" | "png") if store::is_hidden(path) => Some(HIDDEN.to_owned()),
         (true, "jpg" | "jpeg" | "png") => None,
         (true, _) => Some(format!("a .{extension} image, and PNG and JPEG are read")),
         (false, _) => Some("an image beside videos, which are taken".to_owned()),

@@ -76,9 +76,9 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Origins, CurateError> {
     let text = text.trim_start_matches('\u{feff}');
     let is_json = path
         .extension()
-        .is_some_and(|extension| extension == "json");
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
     let rows: Vec<Row> = if is_json {
-        serde_json::from_str(text).map_err(|error| malformed(error.to_string()))?
+        serde_json::from_str(text).map_err(|error| malformed(store::json_fault(text, &error)))?
     } else {
         let mut table = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
@@ -86,7 +86,11 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Origins, CurateError> {
         let unreadable = |error: csv::Error| malformed(error.to_string());
         let head = table.headers().map_err(unreadable)?.clone();
         if !head.iter().any(|column| column == "file") {
-            return Err(malformed("has no column file".to_owned()));
+            let found: Vec<&str> = head.iter().collect();
+            return Err(malformed(format!(
+                "has no column file, its columns are {:?}",
+                found.join(",")
+            )));
         }
         let rows: Result<Vec<Row>, csv::Error> = table.deserialize().collect();
         rows.map_err(unreadable)?
@@ -239,6 +243,8 @@ mod tests {
         for (text, said) in [
             ("", "no column file"),
             ("name\nx\n", "no column file"),
+            // Spreadsheets of some countries.
+            ("file;url\na.mp4;x\n", "file;url"),
             ("file,colour\nx,red\n", "unknown field"),
             ("file\n \n", "without a file"),
             ("file\na.mp4\na.mp4\n", "twice"),

@@ -101,6 +101,16 @@ fn is_pinhole(projection: VideoProjection) -> bool {
     projection == VideoProjection::Rectilinear
 }
 
+/// Returns true for a width that frames can have.
+pub(crate) fn is_frame_width(width: u32) -> bool {
+    width >= 16 && width.is_multiple_of(2)
+}
+
+/// Returns the reason why frames cannot have a width.
+pub(crate) fn width_fault(width: u32) -> String {
+    format!("a frame width of {width} pixels is not an even number of at least 16")
+}
+
 impl CurateSettings {
     /// Returns the kind of images that frames are.
     pub(crate) fn view(&self) -> View {
@@ -117,6 +127,9 @@ impl CurateSettings {
     pub fn check(&self, video: &Path) -> Result<(), CurateError> {
         boundaries::detector(&self.detector, video)?;
         criteria::criteria(&self.profile, video)?;
+        if let Some(width) = self.width.filter(|&width| !is_frame_width(width)) {
+            return Err(CurateError::input(video, width_fault(width)));
+        }
         let sampling_is_positive = match self.sampling {
             Sampling::MaxFrames(most) => most > 0,
             Sampling::FramesPerSecond(rate) => rate.is_finite() && rate > 0.0,

@@ -13,6 +13,8 @@ const FAR_MEDIANS: f64 = 20.0;
 const CAMERAS_PER_MISTAKE: usize = 10;
 /// Largest invisible rounding of coordinates, in units of a scene's extent.
 const UNSEEN_ROUNDING: f64 = 1e-5;
+/// Largest deviation of the length of a given quaternion from 1.
+const UNIT_TOLERANCE: f64 = 0.01;
 /// Number of frames that a warning lists.
 const LISTED_FRAMES: usize = 10;
 
@@ -66,6 +68,14 @@ impl Pose {
     /// Returns the camera centre in world units.
     pub fn centre(&self) -> DVec3 {
         DVec3::from_array(self.centre)
+    }
+
+    /// Returns true if the quaternion is of unit length to a hundredth, as it is when printed with three digits. Four
+    /// numbers of another meaning mostly are not.
+    pub fn is_unit(&self) -> bool {
+        let [w, x, y, z] = self.rotation_wxyz;
+        let length = DQuat::from_xyzw(x, y, z, w).length();
+        (length - 1.0).abs() <= UNIT_TOLERANCE
     }
 
     /// Returns whether the rotation and the centre can be used.

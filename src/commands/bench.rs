@@ -14,6 +14,7 @@ use omnilife_bench::{
 use omnilife_schemas::{
     ErrorKind,
     lock::FolderLock,
+    plain_text::counted,
     progress::Progress,
     records::{DIAGNOSIS_PREFIX, ExternalRun, Padding, Protocol, SplitRule},
     store,
@@ -313,7 +314,7 @@ fn give(protocol: &mut Protocol, given: &[u32]) -> anyhow::Result<()> {
 
 /// Prints the number of checked views, and every finding, mistakes first.
 fn diagnosis_text(diagnosis: &Diagnosis) -> String {
-    let mut text = format!("{} views were looked at", diagnosis.views);
+    let mut text = format!("checked {}", counted(diagnosis.views, "view"));
     if let Some(psnr) = diagnosis.psnr_db {
         text += &format!(", {psnr:.3} dB as they are");
     }

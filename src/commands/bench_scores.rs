@@ -8,6 +8,7 @@ use std::{
 use omnilife_bench::{Difference, PairedComparison, Predictions, WinsAndLosses};
 use omnilife_schemas::{
     ErrorKind,
+    plain_text::counted,
     progress::Progress,
     records::{Direction, ResultRecord},
 };
@@ -31,16 +32,16 @@ pub(super) fn validate(
         text += &format!("note   {note}\n");
     }
     if report.findings.is_empty() {
-        text += &format!("{} views, nothing wrong\n", report.views);
+        text += &format!("{}, nothing wrong\n", counted(report.views, "view"));
     }
     exit::print(&text)?;
     match report.findings.len() {
         0 => Ok(()),
         count => Err(PartialFailure {
             message: format!(
-                "{count} {} in the predictions of {} views",
-                if count == 1 { "fault" } else { "faults" },
-                report.views
+                "{} in the predictions of {}",
+                counted(count, "fault"),
+                counted(report.views, "view")
             ),
             blame: ErrorKind::User,
         }
@@ -89,8 +90,8 @@ fn result_text(result: &ResultRecord) -> String {
         ("novel", &result.novel_views),
     ] {
         for (metric, summary) in scores {
-            let (mean, views) = (summary.mean, summary.views);
-            text += &format!("{view} {metric} {mean:.4} over {views} views");
+            let (mean, views) = (summary.mean, counted(summary.views as usize, "view"));
+            text += &format!("{view} {metric} {mean:.4} over {views}");
             if summary.undefined_views > 0 {
                 text += &format!(", undefined for {}", summary.undefined_views);
             }

@@ -58,8 +58,8 @@ pub(crate) fn annotate(
     let _lock = FolderLock::take_existing(&arguments.dataset, progress)?;
     let count = annotate_dataset(&arguments.dataset, &arguments.settings()?, progress)?;
     exit::print(&format!(
-        "{count} sequences annotated; `omnilife curate publish {}` brings statistics and checksums \
-         up to date\n",
+        "{} annotated; `omnilife curate publish {}` brings statistics and checksums up to date\n",
+        counted(count, "sequence"),
         arguments.dataset.display()
     ))
 }

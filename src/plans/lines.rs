@@ -1,8 +1,8 @@
 //! Units of a file, one per line.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, path::Path};
 
-use omnilife_schemas::{records::SweepUnit, store::StoreError};
+use omnilife_schemas::{records::SweepUnit, store};
 use omnilife_sweep::plan;
 
 use super::{needs, words};
@@ -13,7 +13,7 @@ use crate::cli::PlanArguments;
 /// # Errors
 /// When the file cannot be read.
 pub(crate) fn units(file: &Path, arguments: &PlanArguments) -> anyhow::Result<Vec<SweepUnit>> {
-    let text = fs::read_to_string(file).map_err(|source| StoreError::read(file, source))?;
+    let text = store::read_text(file)?;
     let needs = needs(arguments)?;
     let lines = text.lines().enumerate();
     Ok(lines

@@ -330,6 +330,10 @@ fn numbers_that_make_no_sense() {
 fn settings_that_do_not_fit_the_video() {
     for (arguments, reason) in [
         (["--width", "65"], "frame width of 65 pixels"),
+        (
+            ["--width", "514"],
+            "514 pixels is more than the video's own 512",
+        ),
         (["--min-shot", "3"], "none of its shots lasts 3 s"),
     ] {
         let folder = scratch();

@@ -80,6 +80,33 @@ fn frames_with_two_predictions_or_another_name_are_failures() {
     );
 }
 
+/// Renders in another format are named, and previews beside a prediction change nothing.
+#[test]
+fn images_in_other_formats_are_named() {
+    let bench = Bench::new();
+    let at = |name: &str| bench.at("input").join(name);
+    for (png, other) in [
+        ("000000.png", "0.JPG"),
+        ("000001.png", "000001.exr"),
+        ("000002.png", "frame_2.webp"),
+    ] {
+        fs::rename(at(png), at(other)).unwrap();
+    }
+    fs::copy(at("000003.png"), at("000003.jpg")).unwrap();
+    let result = bench.score().unwrap();
+    let reasons: Vec<_> = result.failures.iter().map(|f| f.reason.as_str()).collect();
+    assert_eq!(
+        reasons,
+        [
+            "000000.png is missing; 0.JPG must be PNG or .npy",
+            "000001.png is missing; 000001.exr must be PNG or .npy",
+            "000002.png is missing"
+        ]
+    );
+    let strays = "1 images among the predictions belong to no view that was scored";
+    assert!(result.warnings.iter().any(|line| line == strays));
+}
+
 /// 16 bits, floats, and a PNG with an orientation.
 #[test]
 fn other_depths_and_orientations_are_failures() {

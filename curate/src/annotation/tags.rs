@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use omnilife_schemas::store::StoreError;
+use omnilife_schemas::store::{self, StoreError};
 use serde::{Deserialize, Deserializer};
 
 use crate::error::CurateError;
@@ -55,11 +55,12 @@ pub fn read(path: &Path) -> Result<Vec<TagRow>, CurateError> {
 pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Vec<TagRow>, CurateError> {
     let malformed = |reason: String| StoreError::malformed(path, reason);
     let text = std::str::from_utf8(bytes).map_err(|_| malformed("is not UTF-8".to_owned()))?;
+    let text = text.trim_start_matches('\u{feff}');
     let is_json = path
         .extension()
-        .is_some_and(|extension| extension == "json");
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
     let rows: Vec<TagRow> = if is_json {
-        serde_json::from_str(text).map_err(|error| malformed(error.to_string()))?
+        serde_json::from_str(text).map_err(|error| malformed(store::json_fault(text, &error)))?
     } else {
         let mut table = csv::Reader::from_reader(text.as_bytes());
         let unreadable = |error: csv::Error| malformed(error.to_string());
@@ -95,5 +96,18 @@ mod tests {
         }
         std::fs::write(&file, "sequence,author\n").unwrap();
         assert!(read(&file).unwrap().is_empty());
+    }
+
+    #[test]
+    fn files_of_windows_programs_are_read() {
+        let row = r#"{"sequence": "a/seq-000", "author": "Ann", "caption": "A street."}"#;
+        let list = format!("\u{feff}[\r\n{row}\r\n]\r\n");
+        let table = "\u{feff}sequence,author,caption\r\na/seq-000,Ann,A street.\r\n";
+        let rows = from_bytes(Path::new("TAGS.JSON"), list.as_bytes()).unwrap();
+        assert_eq!(rows.len(), 1);
+        assert_eq!(
+            rows,
+            from_bytes(Path::new("TAGS.CSV"), table.as_bytes()).unwrap()
+        );
     }
 }

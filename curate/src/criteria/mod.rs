@@ -148,7 +148,7 @@ pub fn criteria(name: &str, video: &Path) -> Result<Criteria, CurateError> {
     let path = Path::new(name);
     if path
         .extension()
-        .is_some_and(|extension| extension == "toml")
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("toml"))
     {
         return file::read(path);
     }

@@ -213,7 +213,7 @@ fn object_masks(
     if folders.is_dir() {
         for path in store::paths_in(&folders)?
             .into_iter()
-            .filter(|path| path.is_dir())
+            .filter(|path| path.is_dir() && !store::is_hidden(path))
         {
             let name = path
                 .file_name()

@@ -47,7 +47,10 @@ pub(super) fn images_beside(scene: &ForeignScene) -> Result<Vec<PathBuf>, StoreE
     let mut left = Vec::new();
     for folder in folders {
         for file in store::paths_in(&folder)? {
-            if !taken.contains(&place(&file)) && frame_order::has_extension(&file, &IMAGES) {
+            if !taken.contains(&place(&file))
+                && !store::is_hidden(&file)
+                && frame_order::has_extension(&file, &IMAGES)
+            {
                 left.push(file);
             }
         }

@@ -423,8 +423,10 @@ fn write_split_lists(scene: &ExportScene, out: &Path) -> Result<(), StoreError> 
 
 /// Parses a JSON file of another tool.
 fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, StoreError> {
-    serde_json::from_str(&store::read_text(path)?).map_err(|error| {
-        StoreError::malformed(path, format!("not what the format asks for: {error}"))
+    let text = store::read_text(path)?;
+    serde_json::from_str(&text).map_err(|error| {
+        let fault = store::json_fault(&text, &error);
+        StoreError::malformed(path, format!("not what the format asks for: {fault}"))
     })
 }
 

@@ -27,6 +27,9 @@ use super::{
 
 /// Names of the files.
 pub(super) const FILES: [&str; 3] = ["cameras.txt", "images.txt", "points3D.txt"];
+/// Fault of a line of features. Files of other programs often lack these lines.
+const FEATURES_FAULT: &str =
+    "features must be triples of x, y and point; an image without features is followed by an empty line";
 /// Panoramas in COLMAP, and in its earlier forks.
 const SPHERES: [&str; 3] = ["EQUIRECTANGULAR", "SPHERICAL", "SPHERE"];
 
@@ -211,13 +214,13 @@ fn read_observations(line: &Line<'_>) -> Result<Vec<(DVec2, u64)>, StoreError> {
     let words = line.words_from(0);
     let (triples, rest) = words.as_chunks::<3>();
     if !rest.is_empty() {
-        return Err(line.malformed("features must be triples of x, y and point"));
+        return Err(line.malformed(FEATURES_FAULT));
     }
     let mut observations = Vec::new();
     for [x, y, point] in triples {
         let parsed = (x.parse(), y.parse(), point.parse::<i64>());
         let (Ok(x), Ok(y), Ok(point)) = parsed else {
-            return Err(line.malformed("features must be triples of x, y and point"));
+            return Err(line.malformed(FEATURES_FAULT));
         };
         if let Ok(point) = u64::try_from(point) {
             observations.push((DVec2::new(x, y), point));

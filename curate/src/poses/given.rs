@@ -143,7 +143,7 @@ fn record(path: &Path) -> Result<Poses, store::StoreError> {
 /// Reads a record of poses, its frames in order of time.
 ///
 /// # Errors
-/// When it cannot be read, a pose is not finite or has no rotation, or two share one instant.
+/// When it cannot be read, a pose is not finite or has no unit quaternion, or two share one instant.
 fn sorted_record(path: &Path) -> Result<Poses, CurateError> {
     let mut record = record(path)?;
     if let Some(bad) = record
@@ -159,6 +159,13 @@ fn sorted_record(path: &Path) -> Result<Poses, CurateError> {
             ),
         )
         .into());
+    }
+    if let Some(bad) = record.frames.iter().find(|frame| !frame.pose.is_unit()) {
+        let reason = format!(
+            "rotation_wxyz at {} s must be a unit quaternion, got {:?}",
+            bad.time_seconds, bad.pose.rotation_wxyz
+        );
+        return Err(store::StoreError::malformed(path, reason).into());
     }
     record
         .frames
@@ -228,6 +235,9 @@ fn from_record(path: &Path, frames: &FrameList) -> Result<PosedSequence, CurateE
         })
         .collect();
     let mut validation = unchecked(&poses);
+    validation
+        .problems
+        .extend(other_times(&record.frames, &poses, frames));
     let masked = masks.iter().flatten().count();
     if masked > 0 && masked < masks.len() {
         validation.problems.push(format!(
@@ -244,6 +254,20 @@ fn from_record(path: &Path, frames: &FrameList) -> Result<PosedSequence, CurateE
         points,
         scale: record.scale,
         source: given_by(path),
+    })
+}
+
+/// Returns a line on the times of poses that fit less than half of the frames: their unit or start may be another.
+fn other_times(given: &[PosedFrame], poses: &[Option<Pose>], frames: &FrameList) -> Option<String> {
+    let posed = poses.iter().flatten().count();
+    let [first, last] = [given.first()?, given.last()?].map(|frame| frame.time_seconds);
+    let [begin, end] =
+        [frames.entries.first()?, frames.entries.last()?].map(|entry| entry.time_seconds);
+    (2 * posed < poses.len()).then(|| {
+        format!(
+            "poses are from {first:.3} s to {last:.3} s, the frames from {begin:.3} s to {end:.3} s: their times may \
+             have another unit or start"
+        )
     })
 }
 

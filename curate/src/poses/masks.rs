@@ -30,10 +30,11 @@ pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
     files_of(folder, EXTENSIONS)
 }
 
-/// Lists the files of a folder with one of these extensions (lower case), sorted.
+/// Lists the visible files of a folder with one of these extensions (lower case), sorted.
 fn files_of(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>, CurateError> {
     Ok(store::paths_in(folder)?
         .into_iter()
+        .filter(|path| !store::is_hidden(path))
         .filter(|path| {
             path.extension()
                 .and_then(|extension| extension.to_str())
@@ -92,11 +93,18 @@ pub(crate) fn find(folder: &Path, frames: &[FrameEntry]) -> Result<Vec<PathBuf>,
     if found.len() == frames.len() {
         return Ok(found);
     }
+    let taken: BTreeSet<&PathBuf> = found.iter().collect();
+    let files = files(folder)?;
+    let other = files.iter().find(|file| !taken.contains(file));
+    let other = match other.and_then(|file| file.file_name()) {
+        Some(name) => format!("other files are named like {}", name.to_string_lossy()),
+        None => "it has no other PNG or JPEG files".to_owned(),
+    };
     Err(CurateError::input(
         folder,
         format!(
             "has images for {} of {} frames; the first without one is {first_missing} (they are \
-             named like the frames)",
+             named like the frames); {other}",
             found.len(),
             frames.len()
         ),

@@ -22,6 +22,7 @@ pub(crate) mod masks;
 pub mod matrices;
 mod parallax;
 mod prior;
+mod saturated;
 pub mod sfm;
 mod straight_frames;
 mod truth;

@@ -14,8 +14,8 @@ use omnilife_schemas::{
     staging::Staging,
 };
 
-use super::masks;
-use crate::error::CurateError;
+use super::{masks, saturated::SaturatedFiles};
+use crate::{error::CurateError, frame_order};
 
 /// Files of distances, named like the frames.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,21 +121,26 @@ impl PriorFiles {
                 "{folder}: {missing} of {all} frames have no distances"
             ));
         }
+        let mut saturated = SaturatedFiles::new(self.given.unit);
         for ((number, source), frame) in self.files.iter().enumerate().zip(frames) {
             if let Some(source) = source {
-                frame.depth_prior = Some(self.stage_one(staging, source, number, size)?);
+                let (prior, largest) = self.stage_one(staging, source, number, size)?;
+                frame.depth_prior = Some(prior);
+                saturated.add(source, largest.into_iter());
             }
         }
+        saturated.report(progress);
         Ok(())
     }
 
+    /// Stages the distances of a frame; also returns true for every pixel with the largest distance of 16 bits.
     fn stage_one(
         &self,
         staging: &mut Staging,
         source: &Path,
         number: usize,
         [width, height]: [usize; 2],
-    ) -> Result<DepthPrior, CurateError> {
+    ) -> Result<(DepthPrior, Vec<bool>), CurateError> {
         let image = DistanceImage::read(source, self.given.unit, true)?;
         // Half a pixel of rounding either way.
         let expected_rows = image.width as f64 * height as f64 / width as f64;
@@ -146,17 +151,25 @@ impl PriorFiles {
             );
             return Err(CurateError::input(source, reason));
         }
+        let largest = (f64::from(u16::MAX) * self.given.unit) as f32;
+        let is_array = frame_order::has_extension(source, &["npy"]);
+        let marks = image
+            .values
+            .iter()
+            .map(|&value| !is_array && value >= largest);
+        let marks = marks.collect();
         let image = image.brought_from(self.given.grid);
         let file = format!("{DEPTH_PRIOR_FOLDER}/{number:06}.npy");
         let shape = [image.height, image.width];
         npy::write_f32(&staging.begin(&file)?, &shape, &image.values)?;
-        Ok(DepthPrior {
+        let prior = DepthPrior {
             file,
             unit: 1.0,
             width: image.width as u32,
             height: image.height as u32,
             convention: self.given.convention,
             source: self.given.source.clone(),
-        })
+        };
+        Ok((prior, marks))
     }
 }

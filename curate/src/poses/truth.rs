@@ -30,6 +30,7 @@ use super::{
     masks,
     prior::{GivenPrior, PriorFiles},
     refuse_missing,
+    saturated::SaturatedFiles,
 };
 use crate::error::CurateError;
 
@@ -273,15 +274,18 @@ impl TruthFiles {
         let class_files = self.classes.values().flatten();
         refuse_own(class_files, &sequence_folder.join(CLASSES_FOLDER))?;
         if let Some((files, unit)) = &self.depth {
-            let mut unknown = Vec::new();
+            let (mut unknown, mut saturated) = (Vec::new(), SaturatedFiles::new(*unit));
             for ((number, source), frame) in files.iter().enumerate().zip(frames.iter_mut()) {
                 let file = format!("{DEPTH_FOLDER}/{number:06}.png");
-                if !write_depth(source, size, &staging.begin(&file)?)? {
+                let values = write_depth(source, size, &staging.begin(&file)?)?;
+                if values.iter().all(|&value| value == 0) {
                     unknown.push(source.as_path());
                 }
+                saturated.add(source, values.iter().map(|&value| value == u16::MAX));
                 frame.depth = Some(DepthImage { file, unit: *unit });
             }
             tell_unknown_distances(&unknown, files.len(), progress)?;
+            saturated.report(progress);
         }
         for (class, files) in &self.classes {
             for ((number, source), frame) in files.iter().enumerate().zip(frames.iter_mut()) {
@@ -337,8 +341,8 @@ fn tell_unknown_distances(
     Ok(())
 }
 
-/// Writes the values of an image at a size; returns false if all of them are 0, which is an unknown distance.
-fn write_depth(source: &Path, size: [usize; 2], path: &Path) -> Result<bool, CurateError> {
+/// Writes the values of an image at a size; returns those of the image itself, of which 0 is an unknown distance.
+fn write_depth(source: &Path, size: [usize; 2], path: &Path) -> Result<Vec<u16>, CurateError> {
     let malformed = |reason: String| CurateError::input(source, reason);
     let image = ImageFile::open(source)?;
     let given = image.size();
@@ -352,5 +356,5 @@ fn write_depth(source: &Path, size: [usize; 2], path: &Path) -> Result<bool, Cur
         .write_to(&mut png, image::ImageFormat::Png)
         .map_err(|error| malformed(format!("cannot be written as PNG: {error}")))?;
     store::write_bytes(path, png.get_ref())?;
-    Ok(values.iter().any(|&value| value != 0))
+    Ok(values)
 }

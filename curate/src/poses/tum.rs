@@ -25,7 +25,7 @@ pub(super) fn is_trajectory(path: &Path) -> bool {
 /// Reads a trajectory, in the order of its lines.
 ///
 /// # Errors
-/// When the file is missing, or a line has no eight finite numbers or no rotation. Names the line.
+/// When the file is missing, or a line has no eight finite numbers or no unit quaternion. Names the line.
 pub(super) fn read(path: &Path) -> Result<Poses, StoreError> {
     let text = store::read_text(path)?;
     let mut frames = Vec::new();
@@ -34,11 +34,17 @@ pub(super) fn read(path: &Path) -> Result<Poses, StoreError> {
         if line.is_empty() || line.starts_with('#') {
             continue;
         }
-        let frame = posed_frame(line).ok_or_else(|| {
+        let malformed = |reason: &str| {
             let number = index.saturating_add(1);
-            let reason = format!("line {number} is no `timestamp tx ty tz qx qy qz qw`");
-            StoreError::malformed(path, reason)
+            StoreError::malformed(path, format!("line {number} {reason}"))
+        };
+        let mut frame =
+            posed_frame(line).ok_or_else(|| malformed("is no `timestamp tx ty tz qx qy qz qw`"))?;
+        let rotation = frame.pose.rotation().filter(|_| frame.pose.is_unit());
+        let rotation = rotation.ok_or_else(|| {
+            malformed("must end in a unit quaternion qx qy qz qw, got one of another length")
         })?;
+        frame.pose = Pose::new(rotation, frame.pose.centre());
         frames.push(frame);
     }
     Ok(Poses::new(Scale::Arbitrary, None, frames))
@@ -51,13 +57,8 @@ fn posed_frame(line: &str) -> Option<PosedFrame> {
         .collect::<Option<_>>()?;
     let [time_seconds, tx, ty, tz, qx, qy, qz, qw] = <[f64; 8]>::try_from(numbers).ok()?;
     let rotation = DQuat::from_xyzw(qx, qy, qz, qw);
-    let length = rotation.length();
-    (length > 1e-12).then(|| {
-        PosedFrame::new(
-            time_seconds,
-            Pose::new(rotation / length, DVec3::new(tx, ty, tz)),
-        )
-    })
+    let pose = Pose::new(rotation, DVec3::new(tx, ty, tz));
+    Some(PosedFrame::new(time_seconds, pose))
 }
 
 #[cfg(test)]
@@ -71,22 +72,23 @@ mod tests {
         assert!(is_trajectory(&path) && !is_trajectory(folder.path()));
         std::fs::write(
             &path,
-            "# time x y z\n\n1.5 1 2 3 0 0 0 2\n2.5 1 2 4 0 1 0 0\n",
+            "# time x y z\n\n1.5 1 2 3 0 0 0 1\n2.5 1 2 4 0 1.004 0 0\n",
         )?;
         let read_frames = || read(&path).map(|poses| poses.frames);
         let frames = read_frames().expect("two poses");
         assert_eq!((frames.len(), frames[0].time_seconds), (2, 1.5));
         assert_eq!(frames[0].pose.centre, [1.0, 2.0, 3.0]);
         assert_eq!(frames[0].pose.rotation_wxyz, [1.0, 0.0, 0.0, 0.0]);
-        for broken in [
-            "1 2 3",
-            "1 1 2 3 0 0 0 0",
-            "1 1 2 3 0 0 0 1 9",
-            "1 1 2 nan 0 0 0 1",
-        ] {
+        for broken in ["1 2 3", "1 1 2 3 0 0 0 1 9", "1 1 2 nan 0 0 0 1"] {
             std::fs::write(&path, format!("# a\n{broken}\n"))?;
             let reason = read_frames().expect_err("broken").to_string();
             assert!(reason.contains("line 2 is no"), "{reason}");
+        }
+        // The last: rotation before place.
+        for broken in ["1 1 2 3 0 0 0 0", "1 1 2 3 0 0 0 2", "1 0 0 0 1 4 5 6"] {
+            std::fs::write(&path, format!("# a\n{broken}\n"))?;
+            let reason = read_frames().expect_err("no unit quaternion").to_string();
+            assert!(reason.contains("line 2 must end in a unit"), "{reason}");
         }
         Ok(())
     }

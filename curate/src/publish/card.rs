@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use omnilife_schemas::{
-    layout::{DATASHEET_FILE, STATISTICS_FOLDER},
+    layout::{DATASHEET_FILE, STATISTICS_FOLDER, TABLES_FOLDER},
     plain_text::{counted, for_markdown, without_folders},
     records::{Dataset, VideoEntry, VideoStatus},
 };
@@ -13,7 +13,7 @@ use super::{
     figures::FIGURES,
     licence,
     statements::unstated,
-    statistics::{DISTRIBUTIONS, Statistics},
+    statistics::{DISTRIBUTIONS, Statistics, duration_in_words},
 };
 
 /// Writes the card. Dataset hubs read the head between dashes.
@@ -23,7 +23,7 @@ pub(super) fn card(release: &Release<'_>) -> String {
     licence_lines(&mut text, about.licence.as_deref());
     let size = size_category(statistics.rows.len());
     line(&mut text, &format!("size_categories:\n- {size}"));
-    text.push_str(HEAD);
+    head(&mut text, release);
     configs(&mut text, release);
     line(&mut text, "---\n");
     line(&mut text, &format!("# {}\n", about.name));
@@ -33,12 +33,12 @@ pub(super) fn card(release: &Release<'_>) -> String {
     line(
         &mut text,
         &format!(
-            "{} from {} of {}, {:.2} hours of equirectangular 360-degree video; \
-             {:.1} s on average, {:.1} % above two minutes. Made by omnilife {}.\n",
+            "{} from {} of {}, {} of {}; {:.1} s on average, {:.1} % above two minutes. Made by omnilife {}.\n",
             counted(statistics.rows.len(), "sequence"),
             statistics.curated_videos,
             counted(statistics.videos, "video"),
-            statistics.seconds() / 3600.0,
+            duration_in_words(statistics.seconds()),
+            release.footage().words,
             statistics.mean_seconds(),
             100.0 * statistics.long_share(),
             env!("CARGO_PKG_VERSION")
@@ -46,7 +46,7 @@ pub(super) fn card(release: &Release<'_>) -> String {
     );
     distributions(&mut text, statistics);
     sources(&mut text, release.dataset);
-    text.push_str(FILES);
+    files(&mut text, release);
     let licence = about.licence.as_deref().unwrap_or(
         "None was stated. Footage keeps the licence of its source until its owner says otherwise.",
     );
@@ -93,16 +93,14 @@ fn configs(text: &mut String, release: &Release<'_>) {
     }
 }
 
-/// Metadata for search and display on hubs: task, keywords, and the begin of the viewer's tables.
-const HEAD: &str = "\
-task_categories:
-- image-to-3d
-tags:
-- 360-degree video
-- equirectangular
-- 3d-reconstruction
-configs:
-";
+/// Adds metadata for search and display on hubs: task, keywords, and the begin of the viewer's tables.
+fn head(text: &mut String, release: &Release<'_>) {
+    line(text, "task_categories:\n- image-to-3d\ntags:");
+    for keyword in release.footage().keywords {
+        line(text, &format!("- {keyword}"));
+    }
+    line(text, "- 3d-reconstruction\nconfigs:");
+}
 
 /// Writes the licence in the form of hubs: their identifier, or `other` with the given name, and its address.
 fn licence_lines(text: &mut String, stated: Option<&str>) {
@@ -130,32 +128,158 @@ fn size_category(rows: usize) -> &'static str {
     }
 }
 
-const FILES: &str = "\
-## Files
+/// Files of a dataset: an entry of a video's folder without which the row is left out (empty for files of every
+/// dataset), their names, and their content.
+const FILES: [(&str, &str, &str); 26] = [
+    (
+        "",
+        "`dataset.json`",
+        "every video with its outcome and the folders of its sequences",
+    ),
+    (
+        "",
+        "`attrition.csv`, `funnel.csv`",
+        "every reject with its reason, and the losses of each step",
+    ),
+    (
+        "analysis.json",
+        "`videos/*/analysis.json`",
+        "probe and projection, with evidence",
+    ),
+    (
+        "boundaries.json",
+        "`videos/*/boundaries.json`",
+        "shot boundaries",
+    ),
+    (
+        "signals.parquet",
+        "`videos/*/signals.parquet`",
+        "measurements of every frame",
+    ),
+    (
+        "samples.parquet",
+        "`videos/*/samples.parquet`",
+        "measurements by which shots are judged, of a frame every 0.4 s",
+    ),
+    (
+        "signature.parquet",
+        "`videos/*/signature.parquet`",
+        "appearance over time, by which repeated footage is found",
+    ),
+    (
+        "slices.json",
+        "`videos/*/slices.json`",
+        "segments of the video, kept or left out",
+    ),
+    (
+        "slices",
+        "`videos/*/slices/*.mp4`, `metadata.csv`",
+        "the sequences as video, and their classes",
+    ),
+    (
+        "sequence.json",
+        "`videos/*/seq-*/sequence.json`, `frames/`",
+        "a sequence and its sampled frames",
+    ),
+    (
+        "motion",
+        "`videos/*/seq-*/motion/`",
+        "small frames in pairs close in time, for the measurement of motion",
+    ),
+    (
+        "annotation.json",
+        "`videos/*/seq-*/annotation.json`",
+        "tags, captions and measured motion",
+    ),
+    (
+        "scene.json",
+        "`videos/*/seq-*/scene.json`",
+        "cameras and the files of each image",
+    ),
+    (
+        "points.ply",
+        "`videos/*/seq-*/points.ply`",
+        "points of the world",
+    ),
+    (
+        "masks",
+        "`videos/*/seq-*/masks/`",
+        "dynamic masks of the scene, white where something moves",
+    ),
+    (
+        "ignore",
+        "`videos/*/seq-*/ignore/`",
+        "masks of ignored regions, white",
+    ),
+    (
+        "depth",
+        "`videos/*/seq-*/depth/`",
+        "distances along the rays",
+    ),
+    (
+        "frames-straight",
+        "`videos/*/seq-*/frames-straight/`",
+        "perspective frames without the distortion of their lens",
+    ),
+    (
+        "depth-prior",
+        "`videos/*/seq-*/depth-prior/`",
+        "estimated distances along the rays",
+    ),
+    (
+        "dynamic-masks",
+        "`videos/*/seq-*/dynamic-masks/`",
+        "dynamic masks as detected, with their source",
+    ),
+    (
+        "split.json",
+        "`videos/*/seq-*/*/split.json`",
+        "input and novel frames of a protocol",
+    ),
+    (
+        "run.json",
+        "`videos/*/seq-*/*/*/run/`",
+        "runs of methods on a split: record, model, predictions",
+    ),
+    (
+        "result.json",
+        "`videos/*/seq-*/*/*/score/`",
+        "scores of these runs",
+    ),
+    ("", "`statistics/`", "counts as CSV and figures"),
+    (
+        "",
+        "`DATASHEET.md`, `croissant.json`, `about.json`",
+        "statements of the makers, and metadata for loaders",
+    ),
+    ("", "`SHA256SUMS`", "checksums of all files"),
+];
 
-| file | what |
-|---|---|
-| `dataset.json` | every video with its outcome and the folders of its sequences |
-| `attrition.csv`, `funnel.csv` | every reject with its reason, and what each step leaves |
-| `videos/*/analysis.json` | probe and ERP projection, with evidence |
-| `videos/*/boundaries.json` | shot boundaries |
-| `videos/*/samples.parquet` | what shots are judged by: numbers of a frame every 0.4 s |
-| `videos/*/signature.parquet` | what the video looks like over time, to find footage that is there twice |
-| `videos/*/slices.json` | what became of every second of the video |
-| `videos/*/slices/*.mp4`, `metadata.csv` | the sequences as video, where they were asked for, and their classes |
-| `videos/*/seq-*/sequence.json`, `frames/` | a sequence and its sampled frames |
-| `videos/*/seq-*/annotation.json` | what it shows and how it moves |
-| `videos/*/seq-*/scene.json`, `points.ply`, `masks/`, `ignore/` | cameras, world points, masks of dynamic and of ignored regions of the scene |
-| `statistics/` | counts as CSV and figures |
-| `tables/*.csv` | frames, masks, poses, points, annotations and splits, one row each |
-| `DATASHEET.md`, `croissant.json` | statements of the makers, and metadata for loaders |
-| `shards/frames-*.tar` | where they were asked for, the frames as WebDataset shards: image, masks, and camera, pose and tags as JSON |
-| `SHA256SUMS` | checksums of all files |
-
-Camera frame: x right, y down, z forward; the image centre is +z, north is up. Times are seconds of
-the source's presentation timestamps.
-
-";
+/// Adds a table of the files that the dataset holds, and the conventions of cameras and times.
+fn files(text: &mut String, release: &Release<'_>) {
+    line(text, "## Files\n\n| file | content |\n|---|---|");
+    let held = |entry: &str| entry.is_empty() || release.has(entry);
+    for (_, names, content) in FILES.iter().filter(|(entry, ..)| held(entry)) {
+        line(text, &format!("| {names} | {content} |"));
+    }
+    for table in &release.tables {
+        if table.file.starts_with(TABLES_FOLDER) {
+            let row = format!("| `{}` | a row is {} |", table.file, table.kind.about);
+            line(text, &row);
+        }
+    }
+    if release.has_shards {
+        line(
+            text,
+            "| `shards/frames-*.tar` | the frames as WebDataset shards: image, masks, and camera, pose and tags as JSON |",
+        );
+    }
+    line(
+        text,
+        "\nCamera frame: x right, y down, z forward; the image centre is +z. Times are seconds of the source's \
+         presentation timestamps.\n",
+    );
+}
 
 fn line(text: &mut String, line: &str) {
     text.push_str(line);

@@ -17,6 +17,8 @@ pub(super) const FILE: &str = "croissant.json";
 /// Returns the metadata. Every table is a record set, in which files of images stand with their content.
 pub(super) fn metadata(release: &Release<'_>) -> String {
     let activities = release.activities();
+    let footage = release.footage();
+    let keywords = [footage.keywords, &["3D reconstruction"]].concat();
     let mut dataset = json!({
         "@context": context(),
         "@type": "sc:Dataset",
@@ -25,8 +27,8 @@ pub(super) fn metadata(release: &Release<'_>) -> String {
             "http://mlcommons.org/croissant/RAI/1.0",
         ],
         "name": release.about.name,
-        "description": "360-degree video, curated",
-        "keywords": ["360-degree video", "equirectangular", "3D reconstruction"],
+        "description": format!("Curated {}", footage.words),
+        "keywords": keywords,
         "rai:dataCollection": release.collection(),
         "rai:dataCollectionMissingData": "classes that nobody annotated are given as \"not annotated\"; frames \
                                           without a pose are not in the record set of poses",

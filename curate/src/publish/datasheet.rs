@@ -1,11 +1,13 @@
 //! The datasheet of a dataset, in Markdown: what its records say and its makers state, by the sections of Gebru et
 //! al., *Datasheets for Datasets* (<https://arxiv.org/abs/1803.09010>).
 
+use omnilife_schemas::plain_text::counted;
 use serde_json::Value;
 
 use super::{
     Release,
     statements::{QUESTIONS, SECTIONS},
+    statistics::duration_in_words,
 };
 
 /// Writes the datasheet.
@@ -38,10 +40,10 @@ fn recorded(release: &Release<'_>, section: &str) -> String {
             let lines =
                 tables.map(|table| format!("| `{}` | {} |\n", table.file, table.kind.about));
             format!(
-                "{} sequences, {:.2} hours, {} frames.\n\n| table | a row is |\n|---|---|\n{}\n",
-                statistics.rows.len(),
-                statistics.seconds() / 3600.0,
-                statistics.rows.iter().map(|row| row.frames).sum::<usize>(),
+                "{}, {}, {}.\n\n| table | a row is |\n|---|---|\n{}\n",
+                counted(statistics.rows.len(), "sequence"),
+                duration_in_words(statistics.seconds()),
+                counted(statistics.rows.iter().map(|row| row.frames).sum(), "frame"),
                 lines.collect::<String>()
             )
         }

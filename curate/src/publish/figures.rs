@@ -1,8 +1,9 @@
 //! The figures of a dataset: bars of how often each class occurs (the paper's Figure 3).
 
 use omnilife_charts::Bar;
+use omnilife_schemas::plain_text::counted;
 
-use super::statistics::{DISTRIBUTIONS, Statistics};
+use super::statistics::{DISTRIBUTIONS, Statistics, duration_in_words};
 use crate::error::CurateError;
 
 /// A figure.
@@ -62,7 +63,11 @@ pub(super) fn draw(figure: &Figure, statistics: &Statistics) -> Result<String, C
         .unwrap_or_default();
     let total: usize = tallies.iter().map(|(_, tally)| tally.sequences).sum();
     let seconds: f64 = tallies.iter().map(|(_, tally)| tally.seconds).sum();
-    let about = format!("{total} sequences, {:.2} hours", seconds / 3600.0);
+    let about = format!(
+        "{}, {}",
+        counted(total, "sequence"),
+        duration_in_words(seconds)
+    );
     let bars: Vec<Bar> = tallies
         .into_iter()
         .map(|(label, tally)| {

@@ -163,11 +163,46 @@ struct Release<'a> {
     statistics: &'a Statistics,
     answers: statements::Answers,
     tables: Vec<tables::Table>,
+    /// All files of the folder, those of an earlier publication among them.
+    files: Vec<String>,
     has_videos: bool,
     has_shards: bool,
 }
 
+/// Kind of footage.
+struct Footage {
+    words: &'static str,
+    keywords: &'static [&'static str],
+}
+
 impl Release<'_> {
+    /// Returns the kind of the footage.
+    fn footage(&self) -> Footage {
+        let perspective = self.statistics.perspective_sequences;
+        if perspective == 0 {
+            Footage {
+                words: "equirectangular 360-degree video",
+                keywords: &["360-degree video", "equirectangular"],
+            }
+        } else if perspective == self.statistics.rows.len() {
+            Footage {
+                words: "perspective video",
+                keywords: &["perspective video"],
+            }
+        } else {
+            Footage {
+                words: "equirectangular 360-degree video and perspective video",
+                keywords: &["360-degree video", "equirectangular", "perspective video"],
+            }
+        }
+    }
+
+    /// Returns true if a video's folder, or one in it, has an entry of this name.
+    fn has(&self, entry: &str) -> bool {
+        let mut files = self.files.iter();
+        files.any(|file| file.split('/').skip(2).any(|name| name == entry))
+    }
+
     /// Returns how the sequences were collected, in one sentence.
     fn collection(&self) -> String {
         format!(
@@ -201,6 +236,7 @@ fn derived_files(
         statistics,
         answers: statements::answers(about, dataset)?,
         tables: tables::collect(folder, statistics)?,
+        files: checksums::files(folder)?,
         has_videos: !files.is_empty(),
         has_shards,
     };

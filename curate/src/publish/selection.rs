@@ -9,7 +9,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use omnilife_schemas::{
     layout::DATASET_FILE,
-    plain_text::serialize_for_spreadsheet,
+    plain_text::{counted, serialize_for_spreadsheet},
     progress::Progress,
     records::{Dataset, ValidationStatus},
     stage::StagePlan,
@@ -117,9 +117,14 @@ fn choose(rows: &[SequenceRow], request: &SelectRequest) -> Result<Selection, St
         .filter(|row| !request.posed_only || row.poses == valid)
         .collect();
     if request.count == 0 || request.count > candidates.len() {
+        let posed = if request.posed_only {
+            " with valid poses"
+        } else {
+            ""
+        };
         return Err(format!(
-            "has {} sequences to select {} from",
-            candidates.len(),
+            "has {}{posed} to select {} from",
+            counted(candidates.len(), "sequence"),
             request.count
         ));
     }

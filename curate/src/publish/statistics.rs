@@ -85,6 +85,8 @@ pub struct Statistics {
     pub videos: usize,
     /// Videos that gave sequences.
     pub curated_videos: usize,
+    /// Sequences of perspective images; all others are panoramas.
+    pub perspective_sequences: usize,
 }
 
 /// A property by which sequences are counted.
@@ -159,12 +161,15 @@ impl Statistics {
     /// When a record is missing or malformed.
     pub fn collect(folder: &Path, dataset: &Dataset) -> Result<Self, CurateError> {
         let mut rows = Vec::new();
-        let mut curated_videos = 0;
+        let (mut curated_videos, mut perspective_sequences) = (0, 0);
         for video in &dataset.videos {
             if let VideoStatus::Curated { sequences } = &video.status {
                 curated_videos += 1;
-                for sequence in sequences {
-                    rows.push(row(folder, sequence)?);
+                for name in sequences {
+                    let file = folder.join(name).join(SEQUENCE_FILE);
+                    let sequence: Sequence = store::read_record(&file)?;
+                    perspective_sequences += usize::from(sequence.is_pinhole());
+                    rows.push(row(folder, name, sequence)?);
                 }
             }
         }
@@ -172,6 +177,7 @@ impl Statistics {
             rows,
             videos: dataset.videos.len(),
             curated_videos,
+            perspective_sequences,
         })
     }
 
@@ -300,9 +306,8 @@ pub(super) fn table(rows: impl IntoIterator<Item = impl Serialize>) -> Result<St
     })
 }
 
-fn row(folder: &Path, name: &str) -> Result<SequenceRow, CurateError> {
+fn row(folder: &Path, name: &str, sequence: Sequence) -> Result<SequenceRow, CurateError> {
     let at = folder.join(name);
-    let sequence: Sequence = store::read_record(&at.join(SEQUENCE_FILE))?;
     let annotation: Annotation = optional(&at.join(ANNOTATION_FILE))?.unwrap_or_default();
     let scene: Option<Scene> = optional(&at.join(SCENE_FILE))?;
     let or_unknown = |class: Option<&str>| class.unwrap_or(UNKNOWN).to_owned();
@@ -333,6 +338,15 @@ fn row(folder: &Path, name: &str) -> Result<SequenceRow, CurateError> {
         }),
         sequence: sequence.id,
     })
+}
+
+/// Returns a duration in words, in the largest unit of which it has two.
+pub(super) fn duration_in_words(seconds: f64) -> String {
+    match seconds {
+        seconds if seconds < 120.0 => format!("{seconds:.1} s"),
+        seconds if seconds < 7200.0 => format!("{:.1} min", seconds / 60.0),
+        seconds => format!("{:.2} hours", seconds / 3600.0),
+    }
 }
 
 /// Returns the outcome of a pose validation in tables.

@@ -60,7 +60,7 @@ impl Stills {
             .collect::<Result<Vec<_>, _>>()?;
         let first = stills
             .first()
-            .ok_or_else(|| CurateError::input(folder, "has no images"))?;
+            .ok_or_else(|| CurateError::input(folder, "must hold PNG or JPEG images, got none"))?;
         if let Some(other) = stills.iter().find(|still| still.size != first.size) {
             let [[width, height], [first_width, first_height]] = [other.size, first.size];
             let reason = format!(

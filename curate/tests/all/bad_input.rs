@@ -230,6 +230,30 @@ fn videos_of_a_folder_that_are_not_taken_are_named() {
     assert!(none.lines.is_empty() && none.files.is_empty());
 }
 
+/// macOS writes a file `._NAME` beside each file of a camera's card.
+#[test]
+fn hidden_files_of_a_folder_are_not_taken() {
+    let temp = tempfile::tempdir().unwrap();
+    let folders = ["videos", "stills"].map(|name| temp.path().join(name));
+    for (folder, files) in folders.iter().zip([
+        ["a.mp4", "._a.mp4", "._b.insv", ".DS_Store"],
+        ["1.jpg", "._1.jpg", "2.png", "3.webp"],
+    ]) {
+        fs::create_dir(folder).unwrap();
+        for file in files {
+            fs::write(folder.join(file), "").unwrap();
+        }
+    }
+    let videos = expand_inputs(&folders).unwrap();
+    assert_eq!(videos, [folders[0].join("a.mp4"), folders[1].clone()]);
+    let others = left_out_of_folders(&folders, &videos).unwrap().files;
+    let files: Vec<&str> = others.iter().map(|file| file.file.as_str()).collect();
+    assert_eq!(files, ["._a.mp4", "._b.insv", "._1.jpg", "3.webp"]);
+    // A named file is taken.
+    let named = [folders[0].join("._a.mp4")];
+    assert_eq!(expand_inputs(&named).unwrap(), named);
+}
+
 #[test]
 fn output_folders_that_belong_to_something_else() {
     let temp = tempfile::tempdir().unwrap();

@@ -5,8 +5,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use image::{ImageBuffer, Luma};
 use omnilife_curate::{
-    CurateSettings, GivenPrior, GivenTruth, PoseRequest, curate_video, pose_sequence_with,
+    CurateSettings, GivenDepth, GivenPrior, GivenTruth, PoseRequest, curate_video,
+    pose_sequence_with,
 };
 use omnilife_schemas::{
     Pose, npy,
@@ -101,6 +103,48 @@ fn distances_are_brought_to_the_projects_grid_and_some_may_be_missing() {
     let none = pose_sequence_with(&sequence, &request, &GivenTruth::default(), &notes).unwrap();
     assert!(none.frames.iter().all(|frame| frame.depth_prior.is_none()));
     assert!(!sequence.join("depth-prior/000000.npy").exists());
+}
+
+/// Programs write the largest value for the sky, where 0 is expected.
+#[test]
+fn distances_at_the_end_of_sixteen_bits_are_reported() {
+    let temp = tempfile::tempdir().unwrap();
+    let (sequence, poses) = sequence(temp.path());
+    let folder = temp.path().join("depth");
+    fs::create_dir(&folder).unwrap();
+    let write = |frame: u32, sky_rows: u32| {
+        let image = ImageBuffer::from_fn(32, 16, |_, y| {
+            Luma([if y < sky_rows { u16::MAX } else { 900 }])
+        });
+        image.save(folder.join(format!("{frame:06}.png"))).unwrap();
+    };
+    (0..12).for_each(|frame| write(frame, 0));
+    let request = PoseRequest::Given(poses);
+    let both = GivenTruth {
+        depth: Some(GivenDepth {
+            folder: folder.clone(),
+            unit: 0.5,
+        }),
+        ..prior(&folder, DistanceGrid::HalfPixel)
+    };
+    let notes = Notes::default();
+    let reported = || {
+        pose_sequence_with(&sequence, &request, &both, &notes).unwrap();
+        let mut lines = notes.take();
+        lines.retain(|line| line.contains("65535"));
+        lines
+    };
+    assert_eq!(reported(), [""; 0]);
+    write(3, 4);
+    let lines = reported();
+    assert_eq!(lines.len(), 2, "true ones and estimated ones");
+    for line in lines {
+        assert!(
+            line.starts_with("1 file of distances") && line.contains("32767.5"),
+            "{line}"
+        );
+        assert!(line.contains("000003.png"), "{line}");
+    }
 }
 
 #[test]

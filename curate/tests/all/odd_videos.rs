@@ -127,6 +127,19 @@ fn a_matrix_that_mirrors_is_no_turn() {
     }
 }
 
+/// An editor or phone that marks a panorama for display on its side; neither a cube nor a fisheye is the cause.
+#[test]
+fn a_panorama_on_its_side_is_refused_for_its_turn() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "a.mp4", &[1], 20, 10);
+    let turned = temp.path().join("turned.mp4");
+    with_matrix(&video, [0, 1, -1, 0], &turned);
+    let out = temp.path().join("out");
+    let error = curate_video(&turned, &out, &lenient(), &Silent).unwrap_err();
+    assert_eq!(error.error_kind(), ErrorKind::User);
+    assert!(error.to_string().contains("quarter turn"), "{error}");
+}
+
 /// Criteria that ask for a frame rate alone.
 fn asking_for(rate: f64, folder: &Path) -> CurateSettings {
     let file = folder.join("rate.toml");

@@ -13,7 +13,11 @@ use omnilife_curate::{
     publish::{PublishSettings, publish, unstated, verify},
     slicing::SliceSettings,
 };
-use omnilife_schemas::{progress::Silent, records::Sampling};
+use omnilife_schemas::{
+    progress::Silent,
+    records::{Sampling, Sequence, VideoProjection},
+    store,
+};
 use serde_json::Value;
 use support::erp_clip;
 use tempfile::TempDir;
@@ -146,6 +150,18 @@ fn record_sets_are_those_of_the_tables() {
         "{card}"
     );
     assert!(!card.contains("omnilife curate"), "{card}");
+    // The card lists the files that there are.
+    for file in [
+        "analysis.json",
+        "slices/*.mp4",
+        "annotation.json",
+        "tables/frames.csv",
+    ] {
+        assert!(card.contains(file), "{file}: {card}");
+    }
+    for file in ["scene.json", "points.ply", "masks/", "depth/", "shards/"] {
+        assert!(!card.contains(file), "{file}: {card}");
+    }
     let sheet = fs::read_to_string(out.join("DATASHEET.md")).unwrap();
     assert!(
         sheet.contains("generated?** No.") && !sheet.contains("Not stated"),
@@ -156,6 +172,32 @@ fn record_sets_are_those_of_the_tables() {
     let sums = fs::read(out.join("SHA256SUMS")).unwrap();
     publish(&out, &PublishSettings::default(), &Silent).unwrap();
     assert_eq!(fs::read(out.join("SHA256SUMS")).unwrap(), sums);
+}
+
+/// A flight of a drone is no panorama, and the release of its frames claims none.
+#[test]
+fn the_card_of_perspective_video_claims_no_panoramas() {
+    let (_folder, out) = dataset();
+    publish_with(&out, ABOUT, true).unwrap();
+    let card = || fs::read_to_string(out.join("README.md")).unwrap();
+    assert!(
+        card().contains("of equirectangular 360-degree video;")
+            && card().contains("\n- equirectangular\n")
+    );
+    let file = out.join("videos/walk/seq-000/sequence.json");
+    let mut sequence: Sequence = store::read_record(&file).unwrap();
+    sequence.projection.projection = VideoProjection::Rectilinear;
+    store::write_record(&file, &sequence).unwrap();
+    publish_with(&out, ABOUT, true).unwrap();
+    assert!(
+        card().contains("of perspective video;") && !card().contains("equirectangular"),
+        "{}",
+        card()
+    );
+    assert_eq!(
+        croissant(&out)["keywords"],
+        serde_json::json!(["perspective video", "3D reconstruction"])
+    );
 }
 
 #[test]

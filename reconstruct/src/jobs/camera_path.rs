@@ -48,8 +48,7 @@ impl CameraPath {
     /// # Errors
     /// When it cannot be read as either.
     pub(super) fn read(path: &Path) -> Result<Self, StoreError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
+        let text = store::read_text(path)?;
         let tag = serde_json::from_str::<Tag>(&text).ok();
         let schema = tag.and_then(|tag| tag.schema);
         if schema.is_some_and(|schema| store::is_read_as::<Scene>(&schema)) {
@@ -166,9 +165,19 @@ pub fn read_path(path: &Path) -> Result<Vec<(f64, Pose)>, StoreError> {
         return Err(malformed(reason));
     }
     let is_unusable = |(seconds, pose): &(f64, Pose)| !seconds.is_finite() || !pose.is_valid();
-    match rows.iter().position(is_unusable) {
-        Some(row) => Err(malformed(format!(
-            "pose {row} must have finite numbers and a unit quaternion"
+    if let Some(row) = rows.iter().position(is_unusable) {
+        return Err(malformed(format!(
+            "pose {row} must have finite numbers and a quaternion that is not zero"
+        )));
+    }
+    let other = rows
+        .iter()
+        .enumerate()
+        .find(|(_, (_, pose))| !pose.is_unit());
+    match other {
+        Some((row, (_, pose))) => Err(malformed(format!(
+            "pose {row} must have a unit quaternion w, x, y, z, got {:?}",
+            pose.rotation_wxyz
         ))),
         None => Ok(rows),
     }
@@ -226,6 +235,10 @@ mod tests {
             (
                 "time_seconds,x,y,z,qw,qx,qy,qz\n0,1,2,3,0,0,0,0\n",
                 "pose 0 must have finite numbers",
+            ),
+            (
+                "time_seconds,x,y,z,qw,qx,qy,qz\n0,1,2,3,0,90,0,0\n",
+                "pose 0 must have a unit quaternion",
             ),
             ("[]", "has 0 poses"),
         ] {

@@ -136,7 +136,9 @@ fn what_moves_is_better_than_a_static_scene_has_it_and_can_be_taken_out() {
     without.parts.truncate(1);
     let view = &scene.novel_views[0].view;
     let mut layers = LayerRenderer::new(model, settings);
-    let taken_out = LayerRenderer::new(without, settings).image(view, Layer::All);
+    let mut without = LayerRenderer::new(without, settings);
+    assert!(without.is_static() && !layers.is_static());
+    let taken_out = without.image(view, Layer::All);
     assert_eq!(layers.image(view, Layer::Static), taken_out);
     assert_ne!(layers.image(view, Layer::All), taken_out);
     assert_eq!(

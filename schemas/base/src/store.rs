@@ -27,8 +27,8 @@ use sha2::{Digest, Sha256};
 use crate::error_kind::{self, Classified, ErrorKind};
 pub use growing::GrowingFile;
 pub use records::{
-    Record, is_read_as, read_record, record_bytes, record_line, schema_of, update_record,
-    write_record, write_record_hashed,
+    Record, is_read_as, json_fault, read_record, record_bytes, record_line, schema_of,
+    update_record, write_record, write_record_hashed,
 };
 pub use temporary::{Unfinished, remove_abandoned, temporary_beside};
 
@@ -306,6 +306,13 @@ pub fn names_in(folder: &Path) -> Result<Vec<String>, StoreError> {
 /// When the folder or an entry cannot be read.
 pub fn paths_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     entries_in(folder, DirEntry::path)
+}
+
+/// Returns true for an entry whose name begins with a dot. macOS leaves such a file (`._clip.mp4`) beside each of its
+/// files on the cards of cameras, under the same extension and with other content.
+pub fn is_hidden(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default();
+    name.as_encoded_bytes().starts_with(b".")
 }
 
 fn entries_in<T: Ord>(folder: &Path, of: impl Fn(&DirEntry) -> T) -> Result<Vec<T>, StoreError> {

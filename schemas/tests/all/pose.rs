@@ -200,6 +200,18 @@ fn unusable_rotations_are_told() {
         assert_eq!(pose.rotation(), None, "{rotation_wxyz:?}");
         assert!(!pose.is_valid());
     }
+    for (w, is_unit) in [
+        (1.0, true),
+        (-0.991, true),
+        (1.02, false),
+        (f64::NAN, false),
+    ] {
+        let pose = Pose {
+            rotation_wxyz: [w, 0.0, 0.0, 0.0],
+            centre: [0.0; 3],
+        };
+        assert_eq!(pose.is_unit(), is_unit, "{w}");
+    }
     let lost = Pose {
         rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
         centre: [0.0, f64::NAN, 0.0],

@@ -263,6 +263,13 @@ fn broken_records_are_input_errors_of_one_line() {
             "missing field `videos`",
         ),
         (&whole[..whole.len() / 2], "not a JSON record"),
+        // Python writes such numbers.
+        (b"{\"a\":\n  NaN}", "got NaN at line 2 column 3"),
+        (
+            b"{\"a\": [1, -Infinity]}",
+            "got Infinity at line 1 column 12",
+        ),
+        (b"{\"a\": nothing}", "expected ident"),
         (b"\xff\xfe", "must be text in UTF-8"),
     ] {
         fs::write(&path, content).unwrap();

@@ -130,7 +130,9 @@ fn frames_of(folder: &Path) -> Result<NamedCameras, CurateError> {
         numbers: BTreeMap::new(),
     };
     let mut size = None;
-    for file in store::paths_in(&cameras)? {
+    let mut files = store::paths_in(&cameras)?;
+    files.retain(|file| !store::is_hidden(file));
+    for file in files {
         let name = file.file_name().unwrap_or_default().to_string_lossy();
         let Some(stem) = name.strip_suffix(CAMERA_END) else {
             continue;

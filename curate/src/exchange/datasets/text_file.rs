@@ -28,7 +28,9 @@ pub(super) fn read(path: &Path) -> Result<String, StoreError> {
 /// # Errors
 /// Those of [`read`], or malformed content.
 pub(super) fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, StoreError> {
-    serde_json::from_str(&read(path)?).map_err(|error| {
-        StoreError::malformed(path, format!("not what the format asks for: {error}"))
+    let text = read(path)?;
+    serde_json::from_str(&text).map_err(|error| {
+        let fault = store::json_fault(&text, &error);
+        StoreError::malformed(path, format!("not what the format asks for: {fault}"))
     })
 }

@@ -165,7 +165,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
 /// Returns the names of the sequences with a calibration, in order.
 fn sequences(root: &Path) -> Result<Vec<String>, StoreError> {
     let mut names = store::names_in(&root.join(CALIBRATION_FOLDER))?;
-    names.retain(|name| name.ends_with(".txt"));
+    names.retain(|name| name.ends_with(".txt") && !store::is_hidden(Path::new(name)));
     names.sort();
     let stems = names
         .iter()
@@ -216,7 +216,7 @@ fn sweep_files(
         return Ok(BTreeMap::new());
     }
     let mut files = store::paths_in(folder)?;
-    files.retain(|file| frame_order::has_extension(file, &["bin"]));
+    files.retain(|file| !store::is_hidden(file) && frame_order::has_extension(file, &["bin"]));
     let (mut sweeps, mut others) = (BTreeMap::<u64, PathBuf>::new(), Vec::new());
     for file in files {
         let number = frame_order::number(&file);

@@ -46,6 +46,10 @@ fn what_cannot_be_exchanged_is_refused() {
     .unwrap_err()
     .to_string();
     assert!(error.contains("000002.png: not a usable image"), "{error}");
+    let file = from.join("images/000001.png");
+    let other = export.path().join("other");
+    let error = import(&ImportRequest::new(&file, "colmap", "x", &other)).unwrap_err();
+    assert!(error.to_string().contains("must be a folder"), "{error}");
 }
 
 /// Frames stay apart, and no file from outside of the scene's folder is handed on.

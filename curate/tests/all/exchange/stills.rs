@@ -287,6 +287,15 @@ fn a_crop_is_put_at_its_place_and_the_rest_is_ignored() {
 }
 
 #[test]
+fn hidden_files_beside_images_are_none() {
+    let foreign = Foreign::new(SIZE, &[]);
+    let folder = write(&foreign, &[("1.jpg", plain(1)), ("2.jpg", plain(2))]);
+    fs::write(folder.join("._1.jpg"), "Mac OS X").unwrap();
+    let scene = imported(&foreign).unwrap();
+    assert_eq!(scene.frames.len(), 2);
+}
+
+#[test]
 fn what_is_no_panorama_is_refused_in_a_line() {
     let refuse = |photos: &[(&str, Photo<'_>)], words: &[&str]| {
         let foreign = Foreign::new(SIZE, &[]);
@@ -315,7 +324,7 @@ fn what_is_no_panorama_is_refused_in_a_line() {
         ..plain(1)
     };
     refuse(&[("1.jpg", stated)], &["1.jpg", "cylindrical"]);
-    refuse(&[], &["has no images"]);
+    refuse(&[], &["must hold PNG or JPEG images"]);
 }
 
 /// Nothing but their pixels tells panoramas from a perspective clip, which the format `frames` is of.

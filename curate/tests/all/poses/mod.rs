@@ -52,6 +52,25 @@ fn pose_at(step: f64) -> Pose {
 }
 
 #[test]
+fn times_of_another_unit_are_reported() {
+    let temp = tempfile::tempdir().unwrap();
+    let sequence = sequence_of_twenty(temp.path());
+    let milliseconds =
+        (0..20).map(|n| PosedFrame::new(100.0 * f64::from(n), pose_at(f64::from(n))));
+    let record = Poses::new(Scale::Metres, None, milliseconds.collect());
+    let file = temp.path().join("poses.json");
+    store::write_record(&file, &record).unwrap();
+    let notes = Notes::default();
+    pose_sequence(&sequence, &PoseRequest::Given(file), &notes).unwrap();
+    let said = notes.take().join("|");
+    assert!(said.contains("19 of 20 frames have no pose"), "{said}");
+    assert!(
+        said.contains("from 0.000 s to 1900.000 s, the frames from 0.000 s to 1.900 s"),
+        "{said}"
+    );
+}
+
+#[test]
 fn given_poses_are_matched_by_time_and_bring_points_and_masks() {
     let temp = tempfile::tempdir().unwrap();
     let sequence = sequence_of_twenty(temp.path());
@@ -297,6 +316,10 @@ fn poses_that_fit_nothing_or_are_broken_are_refused() {
     broken.rotation_wxyz = [0.0; 4];
     write(vec![frame(0.0, broken)], None);
     refused("has no rotation");
+    // Degrees, or a quaternion in another place of the row.
+    broken.rotation_wxyz = [0.0, 90.0, 0.0, 0.0];
+    write(vec![frame(0.0, broken)], None);
+    refused("must be a unit quaternion");
     write(vec![frame(0.0, pose_at(0.0))], Some("nowhere.ply"));
     refused("nowhere.ply");
     fs::write(&file, "{}").unwrap();

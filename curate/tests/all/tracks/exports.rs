@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use omnilife_schemas::{
     ground_plane::Plane,
     records::{Capture, GeoPoint, Georeference, Track, Tracks},
+    testing::Notes,
     trajectory::{BSpline, ObjectPath},
 };
 use omnilife_tracks::{
@@ -173,7 +174,9 @@ fn boxes_return_from_mot_text() {
         program: None,
         out: temp.path(),
     };
-    let returned = (files::DETECTOR.detect)(&input, &Silent).unwrap().boxes;
+    let notes = Notes::default();
+    let returned = (files::DETECTOR.detect)(&input, &notes).unwrap().boxes;
+    assert_eq!(notes.take(), [""; 0]);
     let mut of_tracks: Vec<_> = (tracks.detections.iter())
         .filter_map(|one| Some((one.frame, one.track?, one.box_pixels, one.confidence)))
         .collect();
@@ -186,6 +189,14 @@ fn boxes_return_from_mot_text() {
         .iter()
         .map(|one| (one.frame, one.box_pixels, one.confidence));
     assert_eq!(returned.collect::<Vec<_>>(), of_tracks.collect::<Vec<_>>());
+    // A file of a Windows program with percents and margins of a classifier.
+    let text = "\u{feff}1,-1,10,10,20,20,87.5\r\n1,-1,40,10,20,20,-0.3\r\n1,-1,70,10,20,20,-1\r\n";
+    fs::write(&file, text).unwrap();
+    let boxes = (files::DETECTOR.detect)(&input, &notes).unwrap().boxes;
+    assert!(boxes.iter().all(|one| (one.confidence - 1.0).abs() < 1e-12));
+    let lines = notes.take();
+    assert_eq!((boxes.len(), lines.len()), (3, 1));
+    assert!(lines[0].contains("2 of 3 confidences"), "{}", lines[0]);
 }
 
 #[test]

@@ -142,7 +142,7 @@ fn detect(
     let program = Program::read(toml)?;
     let boxes = boxes_file(&program, toml, input, progress)?;
     let frames = NamedFrames::called_by_number(input.views);
-    let all = files::read(&boxes, program.format, &frames, input)?;
+    let all = files::read(&boxes, program.format, &frames, input, progress)?;
     let found = all.len();
     let least = program.minimum_confidence.unwrap_or(0.0);
     let (sure, unsure): (Vec<Detection>, Vec<Detection>) =

@@ -11,14 +11,14 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs,
     path::Path,
 };
 
 use omnilife_schemas::{
     posed_view::PosedView,
+    progress::Progress,
     records::{Detection, Scene},
-    store::StoreError,
+    store::{self, StoreError},
 };
 use serde::Deserialize;
 
@@ -30,7 +30,7 @@ pub const DETECTOR: Detector = Detector {
     id: "files",
     about: "boxes that any other program found, as MOT text or COCO JSON (--detections FILE)",
     keeps_files: false,
-    detect: |input, _| {
+    detect: |input, progress| {
         let file = input.file.ok_or_else(|| {
             TracksError::input(
                 input.folder,
@@ -39,14 +39,14 @@ pub const DETECTOR: Detector = Detector {
         })?;
         let is_json = file
             .extension()
-            .is_some_and(|extension| extension == "json");
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
         let format = if is_json {
             BoxFormat::Coco
         } else {
             BoxFormat::Mot
         };
         let frames = NamedFrames::of_scene(input.scene);
-        let mut found = read(file, format, &frames, input)?;
+        let mut found = read(file, format, &frames, input, progress)?;
         // Boxes of unused frames are read all the same: a broken file is an error.
         let looked_at: BTreeSet<u32> = input.views.iter().map(|view| view.frame).collect();
         found.retain(|one| looked_at.contains(&one.frame));
@@ -98,7 +98,7 @@ impl NamedFrames {
     }
 }
 
-/// Reads a file of boxes; classes are as in the file, empty if it has none.
+/// Reads a file of boxes; classes are as in the file, empty if it has none. A line reports confidences that are none.
 ///
 /// # Errors
 /// When it cannot be read, or has an invalid box in one of the frames.
@@ -107,12 +107,30 @@ pub(super) fn read(
     format: BoxFormat,
     frames: &NamedFrames,
     input: &DetectorInput<'_>,
+    progress: &dyn Progress,
 ) -> Result<Vec<Detection>, TracksError> {
-    let text = fs::read_to_string(file).map_err(|error| StoreError::read(file, error))?;
-    match format {
+    let text = store::read_text(file)?;
+    let mut found = match format {
         BoxFormat::Mot => read_mot(file, &text, frames, input),
         BoxFormat::Coco => read_coco(file, &text, frames, input),
+    }?;
+    let mut odd = 0_usize;
+    for one in &mut found {
+        // MOT's ground truth has 1, or -1 for an unknown confidence.
+        let is_unknown = (one.confidence + 1.0).abs() < 1e-9;
+        if is_unknown || !(0.0..=1.0).contains(&one.confidence) {
+            one.confidence = 1.0;
+            odd = odd.saturating_add(usize::from(!is_unknown));
+        }
     }
+    if odd > 0 {
+        progress.note(&format!(
+            "{}: {odd} of {} confidences are neither in [0, 1] nor -1 (unknown), and count as 1",
+            file.display(),
+            found.len()
+        ));
+    }
+    Ok(found)
 }
 
 /// Largest number of boxes that a file may hold.
@@ -145,12 +163,7 @@ fn detection(frame: u32, sides: [f64; 4], confidence: f64, class: &str) -> Detec
     Detection {
         frame,
         box_pixels: sides,
-        // MOT's ground truth has 1, or -1 for an unknown confidence.
-        confidence: if confidence < 0.0 {
-            1.0
-        } else {
-            confidence.min(1.0)
-        },
+        confidence,
         class: class.to_owned(),
         distance: None,
         position: None,

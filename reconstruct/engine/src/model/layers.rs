@@ -46,6 +46,12 @@ impl Layer {
     }
 }
 
+/// Returns true for Gaussians without temporal parameters that belong to no moving object.
+fn is_static(part: &Part) -> bool {
+    let parameterization = &part.parameterization;
+    parameterization.temporal().is_none() && parameterization.tracked().is_none()
+}
+
 /// Renders layers of one model.
 #[derive(Debug)]
 pub struct LayerRenderer {
@@ -60,10 +66,7 @@ pub struct LayerRenderer {
 impl LayerRenderer {
     /// Creates a renderer of a model with the settings of its training.
     pub fn new(model: Model, settings: RenderSettings) -> Self {
-        let of_static = model.parts.iter().filter(|part| {
-            let parameterization = &part.parameterization;
-            parameterization.temporal().is_none() && parameterization.tracked().is_none()
-        });
+        let of_static = model.parts.iter().filter(|part| is_static(part));
         let distances: Vec<f32> = of_static
             .flat_map(|part| {
                 (0..part.table.len()).map(|index| {
@@ -85,6 +88,11 @@ impl LayerRenderer {
     /// Returns the model.
     pub fn model(&self) -> &Model {
         &self.model
+    }
+
+    /// Returns true if no Gaussian can move, so that dynamic layers show nothing.
+    pub fn is_static(&self) -> bool {
+        self.model.parts.iter().all(is_static)
     }
 
     /// Returns the largest speed in velocity maps, normalized units per frame; 1 if nothing moves.

@@ -96,6 +96,13 @@ impl OpenedGaussians {
         if let Some(reason) = layers.refusal(layer) {
             return refuse(reason.to_owned());
         }
+        if matches!(layer, Layer::Dynamic | Layer::Velocity) && layers.is_static() {
+            request.progress.note(&format!(
+                "{}: all of its Gaussians are static, so the layer {} shows nothing",
+                path.display(),
+                request.layer
+            ));
+        }
         let published = is_published.then(|| {
             let mut gaussians = ActivatedGaussians::default();
             for part in &layers.model().parts {

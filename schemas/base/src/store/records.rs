@@ -93,7 +93,10 @@ pub fn schema_of(path: &Path) -> Result<String, StoreError> {
 fn tag(path: &Path, text: &str) -> Result<Option<String>, StoreError> {
     serde_json::from_str(text)
         .map(|tag: Tag| tag.schema)
-        .map_err(|error| StoreError::malformed(path, format!("not a JSON record: {error}")))
+        .map_err(|error| {
+            let fault = json_fault(text, &error);
+            StoreError::malformed(path, format!("not a JSON record: {fault}"))
+        })
 }
 
 /// Reads a record and checks that it has the requested schema.
@@ -116,6 +119,23 @@ pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
     }
     serde_json::from_str(&text)
         .map_err(|error| StoreError::malformed(path, format!("not a {}: {error}", T::SCHEMA)))
+}
+
+/// Returns the fault of a JSON text in words. Python and JavaScript write NaN and infinities as words, which JSON does
+/// not have, and a parser only says that it expected a value there.
+pub fn json_fault(text: &str, error: &serde_json::Error) -> String {
+    let (line, column) = (error.line(), error.column());
+    // Both count from 1, columns in bytes.
+    let rest = (text.lines().nth(line.saturating_sub(1)))
+        .and_then(|line| line.get(column.saturating_sub(1)..))
+        .unwrap_or_default();
+    let words = ["NaN", "Infinity"];
+    match words.into_iter().find(|word| rest.starts_with(word)) {
+        Some(word) => {
+            format!("must hold finite numbers, got {word} at line {line} column {column}")
+        }
+        None => error.to_string(),
+    }
 }
 
 /// Returns whether a file of this schema is read as a `T`.
