@@ -43,24 +43,31 @@ pub(super) fn section(request: &SiteRequest<'_>) -> Markup {
     html! {
         h2 #downloads { "Downloads" }
         ul.downloads {
-            li { a href=(CSV_FILE) download { "CSV" } ": every score of every result" }
-            li { a href=(file(PARQUET_FILE)) download { "Parquet" } ": the same for programs" }
+            li { a href=(CSV_FILE) download { "CSV" } span { ": every score of every result" } }
+            li { a href=(file(PARQUET_FILE)) download { "Parquet" } span { ": the same for programs" } }
             @for (name, group) in &latex {
                 li {
-                    a href=(file(name)) download { "LaTeX" } ": the table of " (group.protocol)
+                    a href=(file(name)) download { "LaTeX" }
+                    span { ": the table of " (group.protocol) }
                 }
             }
-            li { a href=(file(CITATION_FILE)) download { "BibTeX" } ": the benchmark and its protocols" }
+            li {
+                a href=(file(CITATION_FILE)) download { "BibTeX" }
+                span { ": the benchmark and its protocols" }
+            }
         }
-        h2 #submit { "Submit a method" }
-        ol.submit {
-            li { "Predict the novel views of the split: " code { "omnilife bench split" } }
-            li { "Score them: " code { "omnilife bench score" } }
-            li { "Pack scores, views and a card: " code { "omnilife leaderboard submit" } }
-        }
-        p.notes {
-            "Whoever keeps this leaderboard adds it with " code { "omnilife leaderboard add" }
-            ", which scores a sample again. The guide is docs/guides/submit.md of the project omnilife."
+        details #submit {
+            summary { "Submit a method" }
+            ol {
+                li { "Write the split of a scene: " code { "omnilife bench split" } }
+                li { "Predict its novel views and score them: " code { "omnilife bench score" } }
+                li { "Pack scores, views and a card: " code { "omnilife leaderboard submit" } }
+            }
+            p {
+                code { "omnilife leaderboard add" }
+                " takes it in and scores a sample again. The guide is docs/guides/submit.md of the \
+                 project omnilife."
+            }
         }
     }
 }

@@ -159,7 +159,7 @@ svg text { fill: var(--ink); }
 svg [stroke="#000000"] { stroke: var(--ink); }
 svg [fill="#FFFFFF"] { fill: var(--paper); }
 svg [stroke="#3C3C3C"] { stroke: var(--soft); }
-table { border-collapse: collapse; font-size: 0.925rem; }
+table { border-collapse: collapse; font-size: 0.925rem; width: 100%; max-width: 26rem; }
 th, td { padding: 0.2rem 0; border-bottom: 1px solid var(--rule); }
 th { font-weight: normal; text-align: left; padding-right: 1.5rem; }
 td { text-align: right; font-variant-numeric: tabular-nums; }
@@ -226,17 +226,18 @@ fn numbers(row: Option<&TracePoint>) -> String {
 /// Returns the name of a column without its unit, and a value with it.
 fn in_words(column: &str, value: f64) -> (String, String) {
     let (name, value) = if let Some(name) = column.strip_suffix("_bytes") {
-        (name, format!("{:.1} MB", value / 1e6))
+        (name.to_owned(), format!("{:.1} MB", value / 1e6))
     } else if let Some(name) = column.strip_suffix("_seconds") {
-        (name, format!("{value:.1} s"))
+        (format!("{name} time"), format!("{value:.1} s"))
     } else if let Some(name) = column.strip_suffix("_db") {
-        (name, format!("{value:.2} dB"))
+        (name.to_owned(), format!("{value:.2} dB"))
     } else if value.fract() == 0.0 {
-        (column, format!("{value}"))
+        (column.to_owned(), format!("{value}"))
     } else {
-        (column, format!("{value:.4}"))
+        (column.to_owned(), format!("{value:.4}"))
     };
-    (name.replace('_', " ").replace("psnr", "PSNR"), value)
+    let name = name.replace('_', " ").replace("psnr", "PSNR");
+    (name.replace("cpu", "CPU"), value)
 }
 
 #[cfg(test)]
@@ -292,7 +293,7 @@ mod tests {
         assert!(text.contains("src=\"trace/000100/000004.png\""), "{text}");
         assert!(text.contains("location.reload()"), "{text}");
         assert!(text.contains("<td>100</td>"), "{text}");
-        assert!(text.contains("<th>wall</th><td>9.0 s</td>"), "{text}");
+        assert!(text.contains("<th>wall time</th><td>9.0 s</td>"), "{text}");
         let title = "odgs on &lt;script&gt; &amp; &quot;more&quot;";
         assert_eq!(text.matches(title).count(), 2, "{text}");
         for (state, words) in [
