@@ -155,7 +155,7 @@ fn plan(tracks: &Tracks, views: &[PosedView]) -> String {
     );
     let _ = writeln!(
         svg,
-        "<polyline points=\"{}\" fill=\"none\" stroke=\"#999\" stroke-dasharray=\"4\"/>",
+        "<polyline points=\"{}\" fill=\"none\" stroke=\"#666\" stroke-dasharray=\"4\"/>",
         line(&cameras)
     );
     for (id, path) in &paths {
