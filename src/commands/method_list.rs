@@ -88,7 +88,8 @@ pub(super) fn record(method: &Method) -> Value {
 
 /// Returns the descriptions of all methods, for the pages of a leaderboard.
 pub(crate) fn descriptions() -> Vec<MethodDescription> {
-    let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
+    let owned =
+        |names: &[&str]| -> Vec<String> { names.iter().map(|name| (*name).to_owned()).collect() };
     let option = |option: &MethodOption| OptionDescription {
         name: option.id.to_owned(),
         text: option.doc.to_owned(),
