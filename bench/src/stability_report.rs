@@ -8,7 +8,7 @@ mod rows;
 
 use std::path::Path;
 
-use omnilife_charts::{ChartError, Series, Titles, log_log};
+use omnilife_charts::{ChartError, SIZE, Series, Titles, log_log};
 use omnilife_schemas::{
     progress::Progress,
     records::{StabilityMeasures, StabilityReport, StabilityStatus, StabilitySweep},
@@ -118,7 +118,7 @@ fn drawing(sweep: &StabilitySweep) -> Result<String, ChartError> {
         x: &sweep.condition,
         y: "largest error against f64",
     };
-    log_log(&sweep.title, &titles, &series)
+    log_log(SIZE, &sweep.title, &titles, &series)
 }
 
 #[cfg(test)]

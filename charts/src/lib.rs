@@ -23,6 +23,8 @@ pub use lines::{Series, decades_of, log_log, over_log_x};
 
 /// Width and height of a chart of lines in its own units.
 pub const SIZE: (u32, u32) = (760, 420);
+/// Width and height of a chart of lines for a phone, whose texts are as large as those of [`SIZE`].
+pub const NARROW_SIZE: (u32, u32) = (380, 420);
 
 /// Error of a chart that could not be drawn: one line.
 #[derive(Debug, thiserror::Error)]

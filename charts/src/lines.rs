@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use plotters::prelude::*;
 
-use crate::{ChartError, DrawingError, SIZE, Titles, svg};
+use crate::{ChartError, DrawingError, Titles, svg};
 
 /// Colours of series in turn; they can be told apart without seeing red and green.
 const COLOURS: [RGBColor; 7] = [
@@ -53,18 +53,19 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
 }
 
-/// Draws lines over a logarithmic x axis, with `y` on a linear one.
+/// Draws lines over a logarithmic x axis, with `y` on a linear one, on a chart of this width and height.
 ///
 /// # Errors
 /// When no series has a point, or the plotting library fails.
 pub fn over_log_x(
+    size: (u32, u32),
     caption: &str,
     titles: &Titles<'_>,
     series: &[Series],
 ) -> Result<String, ChartError> {
     let (x, y) = ranges(series);
     let margin = (0.08 * (y.end - y.start)).max(0.25);
-    draw(caption, series, |builder| {
+    draw(size, caption, series, |builder| {
         let (x, y) = (decades(&x), y.start - margin..y.end + margin);
         let legend = emptiest_corner(series, |point| {
             [share_of_decades(point.0, &x), share(point.1, &y)]
@@ -82,17 +83,18 @@ pub fn over_log_x(
     })
 }
 
-/// Draws lines over a logarithmic x axis, with `y` on another one.
+/// Draws lines over a logarithmic x axis, with `y` on another one, on a chart of this width and height.
 ///
 /// # Errors
 /// When no series has a point, or the plotting library fails.
 pub fn log_log(
+    size: (u32, u32),
     caption: &str,
     titles: &Titles<'_>,
     series: &[Series],
 ) -> Result<String, ChartError> {
     let (x, y) = ranges(series);
-    draw(caption, series, |builder| {
+    draw(size, caption, series, |builder| {
         let (x, y) = (decades(&x), decades(&y));
         let legend = emptiest_corner(series, |point| {
             [share_of_decades(point.0, &x), share_of_decades(point.1, &y)]
@@ -111,6 +113,7 @@ pub fn log_log(
 }
 
 fn draw(
+    size: (u32, u32),
     caption: &str,
     series: &[Series],
     body: impl FnOnce(&mut ChartBuilder<'_, '_, SVGBackend<'_>>) -> Result<(), DrawingError>,
@@ -120,7 +123,7 @@ fn draw(
             "a plot must have something to draw, got no values".to_owned(),
         ));
     }
-    svg(SIZE, |area| {
+    svg(size, |area| {
         area.fill(&WHITE)?;
         let mut builder = ChartBuilder::on(area);
         builder

@@ -12,6 +12,7 @@ use omnilife_schemas::{
 
 use crate::{
     collect::RecordFiles,
+    description::MethodDescription,
     error::LeaderboardError,
     group, layouts,
     outputs::Outputs,
@@ -36,6 +37,8 @@ pub struct LeaderboardRequest {
     pub site: bool,
     /// Maximum number of rendered views per scene and method that the site shows beside their ground truth.
     pub views: usize,
+    /// The program's own methods, for their pages.
+    pub descriptions: Vec<MethodDescription>,
 }
 
 /// A leaderboard as built.
@@ -143,6 +146,9 @@ fn prepare<'a>(
     tables::add_assets(&mut outputs, &assets, &request.out)?;
     let facts = questions::scene_facts(request.dataset.as_deref())?;
     let notes = questions::add_tables(&mut outputs, results, &facts)?;
+    if with_site {
+        site::downloads::add(&mut outputs, &groups, &papers);
+    }
     Ok(PreparedTables {
         groups,
         outputs,
@@ -184,6 +190,7 @@ fn site_of(
             verifications: &verifications,
             dataset: dataset.map(|(_, dataset)| dataset),
             views: request.views,
+            descriptions: &request.descriptions,
             footer: OnceLock::new(),
         },
     )?;

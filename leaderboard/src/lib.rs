@@ -12,6 +12,7 @@ mod budget;
 mod class;
 mod collect;
 mod datasets;
+mod description;
 pub mod error;
 pub mod figure;
 mod format;
@@ -36,6 +37,7 @@ mod variants;
 
 pub use collect::collect;
 pub use datasets::{DatasetsFormat, datasets};
+pub use description::{MethodDescription, OptionDescription};
 pub use error::LeaderboardError;
 pub use leaderboard::{
     Leaderboard, LeaderboardRequest, build_leaderboard, build_leaderboard_of, check_leaderboard,

@@ -19,7 +19,7 @@ use crate::error::LeaderboardError;
 const MANIFEST: &str = ".omnilife-leaderboard.json";
 
 /// Planned content of a file.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) enum Content {
     Bytes(Vec<u8>),
     /// The bytes of another file.
@@ -39,6 +39,13 @@ impl Outputs {
 
     pub(crate) fn add_copy(&mut self, path: impl Into<String>, source: PathBuf) {
         self.files.insert(path.into(), Content::CopyOf(source));
+    }
+
+    /// Adds the content of one of its files under another path too; nothing without that file.
+    pub(crate) fn repeat(&mut self, path: &str, target: String) {
+        if let Some(content) = self.files.get(path).cloned() {
+            self.files.insert(target, content);
+        }
     }
 
     /// Takes the files of other outputs over.

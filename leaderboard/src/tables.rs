@@ -123,6 +123,12 @@ pub(crate) fn short_table(group: &Group<'_>, all: Table) -> Table {
     })
 }
 
+/// Returns the folder of a protocol's tables, relative to the leaderboard.
+pub(crate) fn layout_folder(group: &Group<'_>) -> String {
+    let (protocol, hash) = (slug(group.protocol), slug(&group.short_hash()));
+    format!("{LAYOUT_FOLDER}/{protocol}-{hash}")
+}
+
 /// Returns the tables in these layouts, `tables/<protocol>-<hash>/<layout>.{md,tex,csv}`.
 pub(crate) fn in_all_layouts(
     layouts: &[Layout],
@@ -132,11 +138,7 @@ pub(crate) fn in_all_layouts(
 ) -> Result<Outputs, LeaderboardError> {
     let mut outputs = Outputs::default();
     for group in groups {
-        let folder = format!(
-            "{LAYOUT_FOLDER}/{}-{}",
-            slug(group.protocol),
-            slug(&group.short_hash())
-        );
+        let folder = layout_folder(group);
         for layout in layouts {
             let tables = (layout.tables)(group, papers);
             if tables.is_empty() {

@@ -181,7 +181,7 @@ class FromVideoToRun(unittest.TestCase):
     def test_the_page_shows_the_run_at_its_end(self) -> None:
         page = (self.folder / "run/progress.html").read_text()
         self.assertIn("Ended after iteration 30.", page)
-        self.assertNotIn("http-equiv", page)
+        self.assertNotIn("location.reload", page)
         frame = self.split.novel_views[len(self.split.novel_views) // 2]
         self.assertIn(f'src="predictions/novel/{frame:06}.png"', page)
 

@@ -28,7 +28,7 @@ use omnilife_schemas::{
 use omnilife_sweep::UnitState;
 use serde::Serialize;
 
-use super::pooled;
+use super::{method_list, pooled};
 use crate::{
     cli::{BackendArgument, BenchRunArguments},
     exit::{self, PartialFailure},
@@ -107,6 +107,7 @@ pub(crate) fn execute(
             page: None,
             site: true,
             views: SITE_VIEWS,
+            descriptions: method_list::descriptions(),
         })?;
         let page = leaderboard.site.unwrap_or_default();
         exit::print(&format!(

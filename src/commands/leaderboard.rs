@@ -8,7 +8,7 @@ use omnilife_leaderboard::{
 };
 use omnilife_schemas::{lock::FolderLock, plain_text::counted, progress::Progress, store};
 
-use super::submission;
+use super::{method_list, submission};
 use crate::{
     cli::{
         AnswerFormatArgument, DatasetsArguments, FigureArguments, GalleryArguments,
@@ -37,6 +37,7 @@ fn build(arguments: &LeaderboardBuildArguments, progress: &dyn Progress) -> anyh
         page: arguments.page.clone(),
         site: !arguments.no_site,
         views: arguments.views,
+        descriptions: method_list::descriptions(),
     };
     if arguments.check {
         check_leaderboard(&request)?;

@@ -1,7 +1,8 @@
 //! List of the methods with their components and options, as text and as JSON.
 
+use omnilife_leaderboard::{MethodDescription, OptionDescription};
 use omnilife_reconstruct::{
-    methods::Method,
+    methods::{METHODS, Method},
     options::MethodOption,
     request::{BackendChoice, DefaultPlan},
 };
@@ -83,6 +84,29 @@ pub(super) fn record(method: &Method) -> Value {
         "plan": plan,
         "options": method.options.iter().map(option).collect::<Vec<_>>(),
     })
+}
+
+/// Returns the descriptions of all methods, for the pages of a leaderboard.
+pub(crate) fn descriptions() -> Vec<MethodDescription> {
+    let owned =
+        |names: &[&str]| -> Vec<String> { names.iter().map(|name| (*name).to_owned()).collect() };
+    let option = |option: &MethodOption| OptionDescription {
+        name: option.id.to_owned(),
+        text: option.doc.to_owned(),
+        values: option.values.text(),
+        default: option.default.to_owned(),
+    };
+    let described = METHODS.iter().map(|method| MethodDescription {
+        method: method.id.to_owned(),
+        title: method.title.to_owned(),
+        source: method.source.to_owned(),
+        text: method.description.to_owned(),
+        backends: owned(&backends(method)),
+        components: owned(method.components),
+        on_request: owned(method.optional_components),
+        options: method.options.iter().map(option).collect(),
+    });
+    described.collect()
 }
 
 fn backends(method: &Method) -> Vec<&'static str> {

@@ -12,7 +12,7 @@ pub(crate) mod dataset;
 mod edit;
 pub(crate) mod leaderboard;
 mod ledger;
-mod method_list;
+pub(crate) mod method_list;
 mod pooled;
 pub(crate) mod reconstruct;
 mod road_table;

@@ -99,12 +99,37 @@ def stands_still(browser):
     return browser.script("return omnilife.frames") == frames
 
 
+def reduce_motion(browser, is_reduced):
+    value = "reduce" if is_reduced else "no-preference"
+    browser.devtools("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": value}])
+
+
+def moves_unrequested(browser):
+    """Checks that the page plays, or turns around, until a key is pressed, and that its panel folds."""
+    browser.open(asked.page)
+    if asked.moments is not None and asked.moments > 1:
+        playing = "return document.getElementById('play').textContent === 'Pause'"
+        webdriver.wait_for("moments that play", lambda: browser.script(playing))
+        browser.press(" ")
+        webdriver.wait_for("the pause", lambda: not browser.script(playing))
+    else:
+        turned = "return window.omnilife && omnilife.ready && omnilife.frames"
+        webdriver.wait_for("Gaussians", lambda: browser.script(turned))
+        frames = browser.script(turned)
+        webdriver.wait_for("a scene that turns", lambda: browser.script(turned) > frames + 3)
+        browser.press("x")
+        webdriver.wait_for("end of turning", lambda: stands_still(browser))
+    browser.script("document.querySelector('#controls summary').click()")
+    webdriver.expect("panel", browser.script("return document.getElementById('controls').open"), False)
+
+
 expected = expected_blocks(asked.view)
 with webdriver.browser(700, 600) as browser:
     browser.devtools("Network.enable")
     browser.devtools("Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=0,
                      uploadThroughput=0)
     browser.size(640, 480)
+    reduce_motion(browser, True)
     begun = time.monotonic()
     browser.open(asked.page)
     state = "return window.omnilife && (omnilife.error || (omnilife.ready && omnilife.frames > 1))"
@@ -120,5 +145,7 @@ with webdriver.browser(700, 600) as browser:
     shown = wait_for_view(browser, expected)
     if asked.screenshot:
         browser.screenshot(asked.screenshot)
+    reduce_motion(browser, False)
+    moves_unrequested(browser)
     webdriver.expect("console", browser.console_errors(), [])
 print(f"first drawing after {seconds:.1f} s; {shown}")

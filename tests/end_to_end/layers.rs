@@ -143,7 +143,14 @@ const BENCH: &[&[&str]] = &[
     &["scoring", "validate"],
 ];
 const LEADERBOARD: &[&[&str]] = &[
-    &["assets", "class", "error", "quantity", "variants"],
+    &[
+        "assets",
+        "class",
+        "description",
+        "error",
+        "quantity",
+        "variants",
+    ],
     &["collect", "format", "numbers", "outputs", "validate"],
     &["group", "questions", "submission"],
     &["aids", "budget", "remarks", "table"],

@@ -425,6 +425,7 @@ fn read_hostile_names(input: &Input) {
         page: None,
         site: true,
         views: 0,
+        descriptions: Vec::new(),
     });
     if built.is_ok() {
         for file in below(&out) {

@@ -1,7 +1,7 @@
 //! Curves as drawings: a line per run with a trace, a point for a run with only a training time, a level across the
 //! chart for one without.
 
-use omnilife_charts::{ChartError, Series, Titles, decades_of, over_log_x};
+use omnilife_charts::{ChartError, SIZE, Series, Titles, decades_of, over_log_x};
 
 use super::{
     Clock, Region,
@@ -43,7 +43,7 @@ pub(super) fn of_runs(
             Region::Dynamic => "PSNR of novel views where something moves, dB",
         },
     };
-    over_log_x(scene, &titles, &series)
+    over_log_x(SIZE, scene, &titles, &series)
 }
 
 /// Returns the rows of a run, or its end, at times that a logarithmic axis can show.

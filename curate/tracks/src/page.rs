@@ -24,6 +24,38 @@ const WIDTH: usize = 640;
 /// Side of the plan, pixels.
 const PLAN: f64 = 640.0;
 
+/// Begin of the page. Paths keep a light ground in dark windows too: their colours are made for it.
+const HEAD: &str = r#"<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<link rel="icon" href="data:,">
+<title>@TITLE@</title>
+<style>
+:root { color-scheme: light dark; --paper: light-dark(#fff, #14171a); --ink: light-dark(#16191d, #eceff2); --rule: light-dark(#d3d7dd, #3a4149); }
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--paper); color: var(--ink); font: 1rem/1.5 system-ui, sans-serif; }
+main { max-width: 90rem; margin: 0 auto; padding: 0.5rem 1.25rem 2rem; }
+h1 { font-size: 1.6rem; line-height: 1.2; margin: 1rem 0 0.5rem; overflow-wrap: anywhere; }
+h2 { font-size: 1.2rem; margin: 1.5rem 0 0.5rem; }
+.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 30rem), 1fr)); gap: 1rem 2rem; align-items: start; }
+.frames { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 26rem), 1fr)); gap: 1rem; }
+figure { margin: 0; min-width: 0; }
+svg { display: block; width: 100%; max-width: 640px; height: auto; background: #eee; border-radius: 4px; }
+.scroll { position: relative; overflow-x: auto; }
+:focus-visible { outline: 3px solid light-dark(#0b57b0, #7db7ff); outline-offset: 2px; }
+table { border-collapse: collapse; font-size: 0.925rem; }
+th, td { padding: 0.25rem 0.75rem 0.25rem 0; text-align: left; vertical-align: top; border-bottom: 1px solid var(--rule); }
+td:last-child { white-space: nowrap; }
+</style>
+</head>
+<body>
+<main>
+<h1>@TITLE@</h1>
+"#;
+
 /// Writes the page atomically.
 ///
 /// # Errors
@@ -35,32 +67,34 @@ pub(super) fn write(
     views: &[PosedView],
     tracks: &Tracks,
 ) -> Result<(), TracksError> {
-    let mut page = format!(
-        "<!doctype html><meta charset=\"utf-8\"><title>Tracks of {id}</title>\n\
-         <style>body{{font:14px sans-serif;margin:2em}}svg{{background:#eee}}\
-         td,th{{padding:2px 8px;text-align:left}}</style>\n<h1>Tracks of {id}</h1>\n",
-        id = for_html(&scene.id)
-    );
-    page += "<table><tr><th>stage<th>method<th>evidence<th>seconds</tr>\n";
+    let mut page = HEAD.replace("@TITLE@", &format!("Tracks of {}", for_html(&scene.id)));
+    page += "<h2>From above</h2>\n<div class=\"pair\">\n";
+    page += &plan(tracks, views);
+    page += "<div class=\"scroll\" role=\"region\" tabindex=\"0\" aria-label=\"Stages\"><table>\n\
+             <tr><th scope=\"col\">stage</th><th scope=\"col\">method</th>\
+             <th scope=\"col\">evidence</th><th scope=\"col\">time</th></tr>\n";
     for stage in &tracks.stages {
         let (name, method, reason) = (&stage.stage, &stage.method, for_html(&stage.reason));
         let _ = writeln!(
             page,
-            "<tr><td>{name}<td>{method}<td>{reason}<td>{:.2}</tr>",
+            "<tr><td>{name}</td><td>{method}</td><td>{reason}</td><td>{:.2} s</td></tr>",
             stage.took.wall_seconds
         );
     }
-    page += "</table>\n<h2>From above</h2>\n";
-    page += &plan(tracks, views);
-    page += "<ul>\n";
-    for warning in &tracks.warnings {
-        let _ = writeln!(page, "<li>{}</li>", for_html(warning));
+    page += "</table></div>\n</div>\n";
+    if !tracks.warnings.is_empty() {
+        page += "<ul>\n";
+        for warning in &tracks.warnings {
+            let _ = writeln!(page, "<li>{}</li>", for_html(warning));
+        }
+        page += "</ul>\n";
     }
-    page += "</ul>\n<h2>Boxes: dashed as detected, solid as tracked</h2>\n";
+    page += "<h2>Boxes: dashed as detected, solid as tracked</h2>\n<div class=\"frames\">\n";
     let step = views.len().div_ceil(FRAMES).max(1);
     for view in views.iter().step_by(step) {
         page += &frame(folder, scene, view, tracks)?;
     }
+    page += "</div>\n</main>\n</body>\n</html>\n";
     Ok(store::write_bytes(path, page.as_bytes())?)
 }
 
@@ -113,10 +147,14 @@ fn plan(tracks: &Tracks, views: &[PosedView]) -> String {
             .map(|&point| format!("{:.1},{:.1} ", place(point).x, place(point).y))
             .collect()
     };
-    let mut svg = format!("<svg width=\"{PLAN}\" height=\"{PLAN}\">\n");
+    let mut svg = format!(
+        "<svg viewBox=\"0 0 {PLAN} {PLAN}\" role=\"img\" \
+         aria-label=\"Paths of {} tracks and of the camera, dashed, from above\">\n",
+        paths.len()
+    );
     let _ = writeln!(
         svg,
-        "<polyline points=\"{}\" fill=\"none\" stroke=\"#999\" stroke-dasharray=\"4\"/>",
+        "<polyline points=\"{}\" fill=\"none\" stroke=\"#666\" stroke-dasharray=\"4\"/>",
         line(&cameras)
     );
     for (id, path) in &paths {
@@ -160,9 +198,11 @@ fn frame(
         )
         .map_err(|error| TracksError::internal(&file, error))?;
     let mut html = format!(
-        "<p>{:.2} s<br><svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {full_width} {full_height}\">\n\
+        "<figure><figcaption>{:.2} s</figcaption>\
+         <svg viewBox=\"0 0 {full_width} {full_height}\" role=\"img\" aria-label=\"Frame {} with boxes\">\n\
          <image href=\"data:image/jpeg;base64,{}\" width=\"{full_width}\" height=\"{full_height}\"/>\n",
         view.seconds,
+        view.frame,
         STANDARD.encode(&jpeg)
     );
     let mut rectangle = |[left, top, width, height]: [f64; 4], colour: &str, more: &str| {
@@ -188,5 +228,5 @@ fn frame(
             rectangle(sides, &colour(track.id), "stroke-width=\"1.5\"");
         }
     }
-    Ok(html + "</svg></p>\n")
+    Ok(html + "</svg></figure>\n")
 }

@@ -64,13 +64,24 @@ pub(super) fn run_time(
     let names = (series.len() <= NAMED_SERIES).then(|| spread_names(placed));
     let (width, height) = SIZE;
     Ok(html! {
-        svg.chart.scatter viewBox={ "0 0 " (width) " " (height) } role="group" aria-label=(title) {
-            // Plotters escapes the texts that it draws.
-            g.axes aria-hidden="true" { (PreEscaped(&axes.elements)) }
-            @for (number, (series, placed)) in series.iter().zip(placed).enumerate() {
-                g class={ "series c" (number % COLOURS) } {
-                    (drawn_series(series, placed))
-                    @if let Some(names) = &names { (name(series, end(placed), names[number])) }
+        div.plot {
+            p.y-title aria-hidden="true" { (titles.y) }
+            svg.chart.scatter viewBox={ "0 0 " (width) " " (height) } role="group" aria-label=(title) {
+                // Plotters escapes the texts that it draws.
+                g.axes aria-hidden="true" { (PreEscaped(&axes.elements)) }
+                @for (number, (series, placed)) in series.iter().zip(placed).enumerate() {
+                    g class={ "series c" (number % COLOURS) } {
+                        (drawn_series(series, placed))
+                        @if let Some(names) = &names { (name(series, end(placed), names[number])) }
+                    }
+                }
+            }
+            // Narrow charts have their names here.
+            @if names.is_some() {
+                ul.keys aria-hidden="true" {
+                    @for (number, series) in series.iter().enumerate() {
+                        li class={ "series c" (number % COLOURS) } { (series.label) }
+                    }
                 }
             }
         }

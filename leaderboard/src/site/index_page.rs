@@ -6,15 +6,14 @@ use std::collections::BTreeSet;
 use maud::{Markup, html};
 
 use super::{
-    SceneViews, SiteRequest, html_table, layout, layout::Place, method_cards, panorama, protocol,
-    run_time, scene_cards, scene_page, standings,
+    SceneViews, SiteRequest, downloads, html_table, layout, layout::Place, method_cards, panorama,
+    protocol, run_time, scene_cards, scene_page, standings,
 };
 use crate::{
     error::LeaderboardError,
     format,
     group::Group,
     layouts::{LAYOUTS, main_methods, order_in_words, ranked_by, remarks_of, standings},
-    tables::CSV_FILE,
 };
 
 pub(super) fn render(
@@ -37,11 +36,13 @@ pub(super) fn render(
         p.lead {
             (format::counted(methods.len(), "method")) " on "
             (format::counted(scenes.len(), "scene"))
-            ". Methods that train a model of each scene and methods that learn nothing of it have tables \
-             of their own, as have protocols. "
-            a href=(CSV_FILE) download { "All results as CSV" } "."
+            ", scored on withheld views. Methods that train on each scene and methods that do not are ranked \
+             apart; so are protocols."
         }
-        (best_view(request, views))
+        div.opening {
+            (best_view(request, views))
+            div.start { (downloads::section(request)) }
+        }
         @if request.groups.len() > 1 {
             nav.protocols aria-label="Protocols" {
                 @for (number, group) in request.groups.iter().enumerate() {
@@ -65,12 +66,12 @@ pub(super) fn render(
     Ok(layout::page(
         request,
         Place::Index,
-        "360° reconstruction, the best of each class first",
+        "Scores of 360° reconstruction",
         content,
     ))
 }
 
-/// Returns a view by the first method of the first protocol that has one, as a panorama viewer.
+/// Returns a whole view by the first method of the first protocol that has one, never enlarged.
 fn best_view(request: &SiteRequest<'_>, views: &SceneViews) -> Markup {
     let found = request.groups.iter().find_map(|group| {
         let index = ranked_by(group)?;
@@ -121,12 +122,18 @@ fn section(
         section #(id) {
             h2 { (title(group)) }
             (scene_page::warning_box(&remarks_of(group)))
-            @if let Some(table) = first {
-                p { "Methods of a class " (order_in_words(group)) "." }
-                (table)
+            div.board {
+                @if let Some(table) = first {
+                    div {
+                        p { "Methods of a class " (order_in_words(group)) "." }
+                        (table)
+                    }
+                }
+                div {
+                    (run_time::of_group(request, group)?)
+                    (protocol::explained(request.protocols.get(group.protocol_hash)))
+                }
             }
-            (protocol::explained(request.protocols.get(group.protocol_hash)))
-            (run_time::of_group(request, group)?)
             @if !tables.is_empty() {
                 details.tables open[!shown] {
                     summary { "Further tables (" (tables.len()) ")" }

@@ -1,4 +1,5 @@
-//! The page of a method: its card, its standing, its scores on every scene, its curves and records.
+//! The page of a method: its paper, components and options, its card, its standing, its scores on every scene, its
+//! curves and records.
 
 use std::collections::BTreeSet;
 
@@ -10,11 +11,12 @@ use super::{
     html_table::{self, Addition, RowAddition},
     layout,
     layout::Place,
-    method_cards, panorama, run_time, scene_file, scene_page, unique_slug,
+    method_cards, method_facts, panorama, run_time, scene_file, scene_page, unique_slug,
 };
 use crate::{
     budget,
     class::MethodClass,
+    description::MethodDescription,
     error::LeaderboardError,
     format,
     group::{Group, MethodRow, SceneRow},
@@ -44,18 +46,23 @@ pub(super) fn render(
     }
     let groups = request.groups.iter();
     let rows: Vec<_> = groups.flat_map(|group| group.rows_of(method)).collect();
+    let described = method_facts::of(request.descriptions, method, &rows);
     let content = html! {
         p { a href="../index.html" { "All methods" } }
+        @if let Some(described) = described { (method_facts::sentence(described, method)) }
         @for card in cards { (method_cards::block(card, request.verifications.get(method), true)) }
-        (facts(&rows))
-        (picture(method, views))
+        div.opening {
+            (picture(method, views))
+            div.start { (facts(&rows, described)) }
+        }
+        @if let Some(described) = described { (method_facts::details(described)) }
         @for section in &sections { (section) }
     };
     Ok(layout::page(request, Place::Method, method, content))
 }
 
-/// Returns machines and code of the runs, from records or statements of authors.
-fn facts(rows: &[&SceneRow<'_>]) -> Markup {
+/// Returns paper, code and machines of the runs, from descriptions, records or statements of authors.
+fn facts(rows: &[&SceneRow<'_>], described: Option<&MethodDescription>) -> Markup {
     let results = || rows.iter().flat_map(|row| row.results.iter().copied());
     let machines: BTreeSet<String> = results().filter_map(scene_page::machine).collect();
     let machines: Vec<String> = machines.into_iter().collect();
@@ -63,8 +70,9 @@ fn facts(rows: &[&SceneRow<'_>]) -> Markup {
         .filter_map(|result| result.statement.as_ref()?.code.as_deref())
         .collect();
     html! {
-        @if !machines.is_empty() || !codes.is_empty() {
+        @if !machines.is_empty() || !codes.is_empty() || described.is_some() {
             dl {
+                @if let Some(described) = described { (method_facts::facts(described)) }
                 @if !machines.is_empty() {
                     dt { "Machines" }
                     dd { (machines.join("; ")) }
@@ -86,11 +94,9 @@ fn picture(method: &str, views: &SceneViews) -> Markup {
     });
     html! {
         @if let Some((scene, image)) = found {
-            div.hero {
-                (panorama::figure(image, "../scenes/", &html! {
-                    span { (image.view) " of " a href={ "../" (scene_file(scene)) } { (scene) } }
-                }))
-            }
+            (panorama::whole(image, "../scenes/", &html! {
+                span { (image.view) " of " a href={ "../" (scene_file(scene)) } { (scene) } }
+            }))
         }
     }
 }
@@ -134,15 +140,21 @@ fn section(
         h2 { "Protocol " (group.protocol) " " small { code { (group.short_hash()) } } }
         p { (standing(group, method)) }
         (scene_page::warning_box(&remarks))
-        (html_table::render(&table, &Addition {
-            id: &format!("m{number}"),
-            first_columns: Some(scene_page::first_columns(group)),
-            of_row: &of_row,
-            is_ranking: false,
-        }))
-        @if method.class != MethodClass::WithoutTraining {
-            h3 { "Error against run time" }
-            (run_time::of_results(request, &title, &curves)?)
+        div.board {
+            div {
+                (html_table::render(&table, &Addition {
+                    id: &format!("m{number}"),
+                    first_columns: Some(scene_page::first_columns(group)),
+                    of_row: &of_row,
+                    is_ranking: false,
+                }))
+            }
+            @if method.class != MethodClass::WithoutTraining {
+                div {
+                    h3 { "Error against run time" }
+                    (run_time::of_results(request, &title, &curves)?)
+                }
+            }
         }
         (scene_page::other_warnings(&remarks))
     })

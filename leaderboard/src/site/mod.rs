@@ -3,12 +3,14 @@
 mod chart;
 pub(crate) mod comparisons;
 mod dataset_page;
+pub(crate) mod downloads;
 mod html_table;
 mod index_page;
 mod layout;
 mod links;
 mod mean_curve;
 mod method_cards;
+mod method_facts;
 mod method_page;
 mod panorama;
 mod protocol;
@@ -36,6 +38,7 @@ use comparisons::Comparisons;
 use links::Links;
 
 use crate::{
+    description::MethodDescription,
     error::LeaderboardError,
     format::slug,
     group::{Group, SceneRow},
@@ -131,6 +134,8 @@ pub(crate) struct SiteRequest<'a> {
     pub(crate) dataset: Option<&'a Dataset>,
     /// Maximum number of rendered views per scene and method.
     pub(crate) views: usize,
+    /// The program's own methods.
+    pub(crate) descriptions: &'a [MethodDescription],
     /// The footer of all pages, made by the first one: it examines every result.
     pub(crate) footer: OnceLock<String>,
 }

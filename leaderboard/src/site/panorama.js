@@ -7,9 +7,12 @@ class LookAround {
   static rows = 32;
   // Degrees: width of what is seen, and where it ends.
   static limits = { first: 100, least: 25, most: 120 };
+  // Pixels around the sphere below which a part of it would be a blur: such panoramas are shown whole at first.
+  static sharp = 2048;
 
   constructor(figures) {
     this.toggle = document.querySelector("input.look-around");
+    if (this.toggle && figures.some((figure) => Number(figure.dataset.width) < LookAround.sharp)) this.toggle.checked = false;
     this.views = figures.map((figure) => new SphereView(figure, this));
     this.corners = LookAround.sphere();
     this.ahead();

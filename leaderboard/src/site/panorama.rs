@@ -19,7 +19,7 @@ pub(super) fn tools() -> Markup {
     }
 }
 
-/// Returns the first view of the first page; `standing` is the method's rank in words.
+/// Returns the first view of the first page, whole and never enlarged; `standing` is the method's rank in words.
 pub(super) fn hero(image: &ComparisonImage, scene: &str, standing: &str) -> Markup {
     let caption = html! {
         span {
@@ -28,13 +28,27 @@ pub(super) fn hero(image: &ComparisonImage, scene: &str, standing: &str) -> Mark
             " (" (standing) ")"
         }
     };
+    whole(image, "scenes/", &caption)
+}
+
+/// Returns a view with all that it shows, at most as wide as it is in pixels.
+pub(super) fn whole(image: &ComparisonImage, folder: &str, caption: &Markup) -> Markup {
+    let [width, height] = image.half;
+    let size = format!("--half-width: {width}; --half-height: {height}");
     html! {
-        div.hero { (figure(image, "scenes/", &caption)) }
+        div.hero style=(size) {
+            (drawn(image, folder, caption, false))
+        }
     }
 }
 
-/// Returns both halves on top of each other, cut at the slider's position. `folder` leads from the page to the images.
+/// Returns both halves on top of each other, cut at the slider's position, to look around in where they are whole
+/// spheres. `folder` leads from the page to the images.
 pub(super) fn figure(image: &ComparisonImage, folder: &str, caption: &Markup) -> Markup {
+    drawn(image, folder, caption, image.is_sphere)
+}
+
+fn drawn(image: &ComparisonImage, folder: &str, caption: &Markup, turns: bool) -> Markup {
     let [width, height] = image.half;
     let what = format!("{} by {}", image.view, image.method);
     let file = format!("{folder}{}", image.file);
@@ -44,7 +58,7 @@ pub(super) fn figure(image: &ComparisonImage, folder: &str, caption: &Markup) ->
         image.truth_offset()
     );
     html! {
-        figure.compare data-sphere[image.is_sphere] style=(style) data-width=(width) data-height=(height)
+        figure.compare data-sphere[turns] style=(style) data-width=(width) data-height=(height)
             data-truth=(width + super::comparisons::SEPARATOR) {
             div.stage data-label={ "Look around in " (what) ": arrow keys turn, plus and minus zoom" } {
                 div.truth {

@@ -113,14 +113,20 @@ fn section(
         h2 { "Protocol " (group.protocol) " " small { code { (group.short_hash()) } } }
         (images(comparisons, group, &rows))
         (warning_box(&remarks))
-        (html_table::render(&table, &Addition {
-            id: &format!("t{number}"),
-            first_columns: Some(first_columns(group)),
-            of_row: &of_row,
-            is_ranking: false,
-        }))
-        h3 { "Error against run time" }
-        (run_time::of_results(request, &title, &curves)?)
+        div.board {
+            div {
+                (html_table::render(&table, &Addition {
+                    id: &format!("t{number}"),
+                    first_columns: Some(first_columns(group)),
+                    of_row: &of_row,
+                    is_ranking: false,
+                }))
+            }
+            div {
+                h3 { "Error against run time" }
+                (run_time::of_results(request, &title, &curves)?)
+            }
+        }
         (other_warnings(&remarks))
     })
 }

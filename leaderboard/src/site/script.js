@@ -160,16 +160,19 @@ for (const chart of document.querySelectorAll("svg.scatter")) {
   tip.className = "tip";
   tip.hidden = true;
   tip.setAttribute("aria-hidden", "true");
-  chart.parentElement.append(tip);
+  const figure = chart.closest("figure");
+  figure.append(tip);
   const show = (event) => {
     const text = event.target.dataset?.tip;
     if (!text) return;
     const point = event.target.getBoundingClientRect();
-    const frame = chart.parentElement.getBoundingClientRect();
+    const frame = figure.getBoundingClientRect();
     tip.textContent = text;
-    tip.style.left = `${point.left + point.width / 2 - frame.left + chart.parentElement.scrollLeft}px`;
-    tip.style.top = `${point.top + point.height / 2 - frame.top}px`;
     tip.hidden = false;
+    const half = tip.offsetWidth / 2;
+    const middle = point.left + point.width / 2 - frame.left;
+    tip.style.left = `${Math.max(half, Math.min(frame.width - half, middle))}px`;
+    tip.style.top = `${point.top + point.height / 2 - frame.top}px`;
   };
   const hide = () => { tip.hidden = true; };
   chart.addEventListener("pointerover", show);

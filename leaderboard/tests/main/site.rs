@@ -6,10 +6,12 @@ use std::{
 };
 
 use crate::support::{request, result, summary, write};
-use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
+use omnilife_leaderboard::{
+    LeaderboardRequest, MethodDescription, OptionDescription, build_leaderboard,
+};
 use omnilife_schemas::{
     records::{
-        Dataset, Origin, OriginKind, Protocol, ScoredViews, Split, SplitRule, VideoEntry,
+        Backend, Dataset, Origin, OriginKind, Protocol, ScoredViews, Split, SplitRule, VideoEntry,
         VideoStatus,
     },
     rgb, store,
@@ -225,4 +227,84 @@ fn readers_sort_filter_and_compare_in_a_browser() {
         "{}",
         String::from_utf8_lossy(&output.stderr)
     );
+}
+
+#[test]
+fn what_is_offered_for_download_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let request = small_site(folder.path());
+    build_leaderboard(&request).unwrap();
+    let site = request.out.join("site");
+    let index = fs::read_to_string(site.join("index.html")).unwrap();
+    let links = index.split("<a href=\"").skip(1);
+    let offered: Vec<&str> = links
+        .filter_map(|link| link.split_once('"'))
+        .filter_map(|(file, rest)| rest.starts_with(" download").then_some(file))
+        .collect();
+    for ending in ["csv", "parquet", "tex", "bib"] {
+        assert!(
+            offered.iter().any(|file| file.ends_with(ending)),
+            "{ending}"
+        );
+    }
+    for file in offered {
+        assert!(fs::metadata(site.join(file)).unwrap().len() > 0, "{file}");
+    }
+    let citation = fs::read_to_string(site.join("downloads/citation.bib")).unwrap();
+    assert!(citation.starts_with("@misc{"), "{citation}");
+    assert_eq!(citation.matches('{').count(), citation.matches('}').count());
+}
+
+#[test]
+fn a_page_describes_a_method_of_this_program_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("results");
+    let mut ours = result("hall/seq-000", "odgs-without-sky", 25.0, 0.8);
+    ours.backend = Some(Backend::Cpu { threads: 2 });
+    write(&input, &ours);
+    write(&input, &result("hall/seq-000", "periodic", 26.0, 0.8));
+    let description = |method: &str| MethodDescription {
+        method: method.to_owned(),
+        title: format!("Title of {method}"),
+        source: "A <paper>".to_owned(),
+        text: "Static Gaussians. With a sky.".to_owned(),
+        backends: Vec::new(),
+        components: vec!["sky".to_owned()],
+        on_request: Vec::new(),
+        options: vec![OptionDescription {
+            name: "degree".to_owned(),
+            text: "degree of colour".to_owned(),
+            values: "0 to 3".to_owned(),
+            default: "0".to_owned(),
+        }],
+    };
+    let request = LeaderboardRequest {
+        descriptions: ["odgs", "periodic"].map(description).into(),
+        ..request(&input, &folder.path().join("out"))
+    };
+    build_leaderboard(&request).unwrap();
+    let pages = request.out.join("site/methods");
+    let page = |start: &str| {
+        let mut files = fs::read_dir(&pages)
+            .unwrap()
+            .map(|entry| entry.unwrap().path());
+        let name = |path: &PathBuf| {
+            path.file_name()
+                .unwrap()
+                .to_string_lossy()
+                .starts_with(start)
+        };
+        fs::read_to_string(files.find(name).unwrap()).unwrap()
+    };
+    let described = page("odgs-without-sky");
+    for text in [
+        "Title of odgs",
+        "Static Gaussians.",
+        "With a sky.",
+        "A &lt;paper&gt;",
+        "degree of colour",
+    ] {
+        assert!(described.contains(text), "{text}");
+    }
+    assert!(!page("periodic").contains("Title of"), "of another program");
 }

@@ -176,6 +176,8 @@ def look_around(page, kind):
     """Turns and zooms the panoramas of a scene; kind is `mouse` or `touch`."""
     drawn = """return [...document.querySelectorAll('.compare .stage')].filter(stage => stage.offsetParent)
         .map(stage => stage.dataset.drawn).filter(Boolean)"""
+    # Panoramas of few pixels are shown whole at first.
+    page.script("const toggle = document.querySelector('input.look-around'); if (!toggle.checked) toggle.click()")
     wait_for("panorama", lambda: page.script(drawn))
     page.script("document.querySelector('.compare .stage').scrollIntoView({block: 'center'})")
     box = page.script("""const box = document.querySelector('.compare .stage').getBoundingClientRect();

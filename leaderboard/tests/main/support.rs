@@ -69,5 +69,6 @@ pub(crate) fn request(results: &Path, out: &Path) -> LeaderboardRequest {
         page: None,
         site: true,
         views: 2,
+        descriptions: Vec::new(),
     }
 }

@@ -124,7 +124,7 @@ const place = (row) => {
   byId("boundaries").insertBefore(row.item, at < 0 ? null : rows[at + 1].item);
 };
 
-const strip = (images, figures) => element("div", { className: "strip" }, images.map(({ url, frame }) => {
+const strip = (images, figures) => element("div", { className: "strip", tabIndex: 0, role: "group", ariaLabel: "Frames around the boundary" }, images.map(({ url, frame }) => {
   const image = element("img", { src: url, alt: `Frame ${frame}`, loading: "lazy" });
   const caption = element("figcaption", { textContent: data.times[frame].toFixed(3) });
   const figure = element("figure", {}, [image, caption]);

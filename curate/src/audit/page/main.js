@@ -29,6 +29,8 @@ document.addEventListener("keydown", (event) => {
     event.preventDefault();
     return event.shiftKey ? redo() : undo();
   }
+  // A strip that has the focus scrolls.
+  if (event.key.startsWith("Arrow") && target.closest(".strip:not(#overview)")) return;
   // A button that has the focus is pressed by the space bar.
   if (event.key === " " && target.closest("button, input")) return;
   const key = keys[event.key] ?? keys[event.key.toLowerCase()];

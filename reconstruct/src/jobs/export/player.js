@@ -319,6 +319,17 @@ window.addEventListener("keydown", (event) => {
   if (to !== undefined) { play(false); seek(to); }
 });
 window.addEventListener("resize", stale);
+if (document.fullscreenEnabled) {
+  const whole = at("whole");
+  whole.hidden = false;
+  whole.addEventListener("click", () => {
+    if (document.fullscreenElement) document.exitFullscreen();
+    else document.documentElement.requestFullscreen().catch(fail);
+  });
+  document.addEventListener("fullscreenchange", () => {
+    whole.textContent = document.fullscreenElement ? "Leave full screen" : "Full screen";
+  });
+}
 document.addEventListener("visibilitychange", () => { player.last = performance.now(); });
 
 // Files: the one inside the page, or a chosen one.

@@ -1,11 +1,12 @@
 //! Page of a training: its curves, its latest novel view and its latest numbers, as one HTML file without scripts
 //! of others.
 //!
-//! It is opened from disk. While the training learns, a browser loads it anew every few seconds.
+//! It is opened from disk. While the training learns, a browser loads it anew every few seconds, unless its box says
+//! no.
 
 use std::{io, path::PathBuf};
 
-use omnilife_charts::{ChartError, Series, Titles, log_log, over_log_x};
+use omnilife_charts::{ChartError, NARROW_SIZE, SIZE, Series, Titles, log_log, over_log_x};
 use omnilife_schemas::{
     plain_text::for_html,
     store::{self, StoreError},
@@ -72,7 +73,7 @@ impl Page {
         let done = trace.last().map_or(0, |row| row.iteration);
         let (reload, words) = match state {
             PageState::Learning { iterations } => (
-                format!("<meta http-equiv=\"refresh\" content=\"{RELOAD_SECONDS}\">"),
+                RELOAD.replace("@SECONDS@", &RELOAD_SECONDS.to_string()),
                 format!("Learning: iteration {done} of {iterations}."),
             ),
             PageState::Stopped => (
@@ -84,7 +85,10 @@ impl Page {
         let mut body = String::new();
         if let Some(image) = image {
             let image = for_html(image);
-            body += &format!("<p><img src=\"{image}\" alt=\"the latest novel view\"></p>\n");
+            body += &format!(
+                "<figure><img src=\"{image}\" alt=\"The latest novel view\">\
+                 <figcaption>The latest novel view</figcaption></figure>\n"
+            );
         }
         let quality = series(trace, &DECIBELS, |_| true);
         if !quality.is_empty() {
@@ -92,7 +96,7 @@ impl Page {
                 x: "wall-clock time (s)",
                 y: "PSNR (dB)",
             };
-            body += &over_log_x("Quality", &titles, &quality)?;
+            body += &in_two_sizes(|size| over_log_x(size, "Quality", &titles, &quality))?;
         }
         let loss = series(trace, &LOSS, |value| value > 0.0);
         if !loss.is_empty() {
@@ -100,7 +104,7 @@ impl Page {
                 x: "wall-clock time (s)",
                 y: "loss",
             };
-            body += &log_log("Loss", &titles, &loss)?;
+            body += &in_two_sizes(|size| log_log(size, "Loss", &titles, &loss))?;
         }
         Ok(TEMPLATE
             .replace("@RELOAD@", &reload)
@@ -112,28 +116,73 @@ impl Page {
     }
 }
 
-const TEMPLATE: &str = r#"<!DOCTYPE html>
+/// Returns a chart as wide screens show it, and as phones do.
+fn in_two_sizes(
+    draw: impl Fn((u32, u32)) -> Result<String, ChartError>,
+) -> Result<String, ChartError> {
+    let (wide, narrow) = (draw(SIZE)?, draw(NARROW_SIZE)?);
+    Ok(format!(
+        "<div class=\"wide\">{wide}</div>\n<div class=\"narrow\">{narrow}</div>\n"
+    ))
+}
+
+/// Loads the page anew while its box is ticked.
+const RELOAD: &str = r##"<p><label><input type="checkbox" id="reload"> Load anew every @SECONDS@ s</label></p>
+<script>
+const box = document.getElementById("reload");
+box.checked = location.hash !== "#still";
+box.addEventListener("change", () => { location.hash = box.checked ? "" : "still"; });
+setInterval(() => { if (box.checked) location.reload(); }, 1000 * @SECONDS@);
+</script>"##;
+
+const TEMPLATE: &str = r##"<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
-@RELOAD@
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<link rel="icon" href="data:,">
 <title>@TITLE@</title>
 <style>
-body { font-family: sans-serif; margin: 1.5em; }
-img { max-width: min(100%, 1024px); }
-svg { max-width: 100%; height: auto; }
-th { font-weight: normal; text-align: left; padding-right: 1.5em; }
+:root { --paper: #fff; --ink: #16191d; --soft: #4b5563; --rule: #d3d7dd; }
+@media (prefers-color-scheme: dark) { :root { --paper: #14171a; --ink: #eceff2; --soft: #b4bcc6; --rule: #3a4149; } }
+body { margin: 0; background: var(--paper); color: var(--ink); font: 1rem/1.5 system-ui, sans-serif; }
+main { max-width: 86rem; margin: 0 auto; padding: 0.5rem 1.25rem 2rem; }
+h1 { font-size: 1.6rem; line-height: 1.2; margin: 1rem 0 0.5rem; overflow-wrap: anywhere; }
+.all { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 36rem), 1fr)); gap: 1.25rem 2rem; align-items: start; }
+figure { margin: 0; }
+figcaption { color: var(--soft); font-size: 0.875rem; }
+img, svg { display: block; max-width: 100%; height: auto; }
+.narrow { display: none; }
+/* Charts are black on white as files. */
+svg text { fill: var(--ink); }
+svg [stroke="#000000"] { stroke: var(--ink); }
+svg [fill="#FFFFFF"] { fill: var(--paper); }
+svg [stroke="#3C3C3C"] { stroke: var(--soft); }
+table { border-collapse: collapse; font-size: 0.925rem; width: 100%; max-width: 26rem; }
+th, td { padding: 0.2rem 0; border-bottom: 1px solid var(--rule); }
+th { font-weight: normal; text-align: left; padding-right: 1.5rem; }
 td { text-align: right; font-variant-numeric: tabular-nums; }
+@media (max-width: 40rem) {
+  main { padding: 0.25rem 0.9rem 1.5rem; }
+  .wide { display: none; }
+  .narrow { display: block; }
+}
 </style>
 </head>
 <body>
+<main>
 <h1>@TITLE@</h1>
 <p>@WORDS@</p>
+@RELOAD@
+<div class="all">
 @BODY@
 @NUMBERS@
+</div>
+</main>
 </body>
 </html>
-"#;
+"##;
 
 /// Returns the columns of a trace over time as far as they have values that `is_drawn` accepts.
 fn series(
@@ -168,15 +217,27 @@ fn numbers(row: Option<&TracePoint>) -> String {
     };
     let mut text = "<table>\n".to_owned();
     for (column, value) in row.known() {
-        let name = column.replace('_', " ");
-        let value = if value.fract() == 0.0 {
-            format!("{value}")
-        } else {
-            format!("{value:.4}")
-        };
+        let (name, value) = in_words(column, value);
         text += &format!("<tr><th>{name}</th><td>{value}</td></tr>\n");
     }
     text + "</table>"
+}
+
+/// Returns the name of a column without its unit, and a value with it.
+fn in_words(column: &str, value: f64) -> (String, String) {
+    let (name, value) = if let Some(name) = column.strip_suffix("_bytes") {
+        (name.to_owned(), format!("{:.1} MB", value / 1e6))
+    } else if let Some(name) = column.strip_suffix("_seconds") {
+        (format!("{name} time"), format!("{value:.1} s"))
+    } else if let Some(name) = column.strip_suffix("_db") {
+        (name.to_owned(), format!("{value:.2} dB"))
+    } else if value.fract() == 0.0 {
+        (column.to_owned(), format!("{value}"))
+    } else {
+        (column.to_owned(), format!("{value:.4}"))
+    };
+    let name = name.replace('_', " ").replace("psnr", "PSNR");
+    (name.replace("cpu", "CPU"), value)
 }
 
 #[cfg(test)]
@@ -224,10 +285,15 @@ mod tests {
         page.write(&trace, learning, Some("trace/000100/000004.png"))
             .expect("written");
         let text = written(&page);
-        assert_eq!(text.matches("<svg").count(), 2, "{text}");
+        assert_eq!(
+            text.matches("<svg").count(),
+            4,
+            "two charts in two sizes: {text}"
+        );
         assert!(text.contains("src=\"trace/000100/000004.png\""), "{text}");
-        assert!(text.contains("http-equiv=\"refresh\""), "{text}");
+        assert!(text.contains("location.reload()"), "{text}");
         assert!(text.contains("<td>100</td>"), "{text}");
+        assert!(text.contains("<th>wall time</th><td>9.0 s</td>"), "{text}");
         let title = "odgs on &lt;script&gt; &amp; &quot;more&quot;";
         assert_eq!(text.matches(title).count(), 2, "{text}");
         for (state, words) in [
@@ -236,7 +302,7 @@ mod tests {
         ] {
             page.write(&trace, state, None).expect("written");
             let text = written(&page);
-            assert!(text.contains(words) && !text.contains("refresh"), "{text}");
+            assert!(text.contains(words) && !text.contains("reload"), "{text}");
         }
     }
 }
