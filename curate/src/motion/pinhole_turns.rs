@@ -4,10 +4,14 @@
 //! directly: Gauss-Newton minimizes the sum of robust squared differences of luma over the rotation vector. It goes
 //! from coarse images to fine ones, over pixels without masks in the first frame. The focal length is the one of a grid
 //! whose registrations leave the least cost. If the camera also translates, the result is the rotation that explains
-//! most of it.
+//! most of it; [`remainder()`] measures what that leaves.
+
+mod remainder;
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
+
+pub use remainder::remainder;
 
 /// Width of the finest images that are registered, at most.
 const FINEST: usize = 320;

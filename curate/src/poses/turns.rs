@@ -1,6 +1,6 @@
 //! Poses of a rotating or hovering camera: its images show no parallax.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use glam::{DMat3, DQuat, DVec3};
 use omnilife_schemas::{
@@ -12,14 +12,28 @@ use omnilife_schemas::{
 };
 use rayon::prelude::*;
 
-use super::{PosedSequence, parallax::TURNS_PIXELS, sfm};
+use super::{
+    PosedSequence,
+    parallax::TURNS_PIXELS,
+    planar_ground::{self, PlanarGround},
+    sfm,
+};
 use crate::{
     error::{CurateError, SfmError},
-    motion::pinhole_turns::{GreyFrame, turns},
+    motion::pinhole_turns::{GreyFrame, remainder, turns},
 };
 
 /// Least share of fitting pixels at which neighbouring frames count as registered.
 const GOOD_FIT: f64 = 0.8;
+/// Largest shift that rotations may leave between frames over planar ground, in widths: a pixel of 640. A camera that
+/// moves over flat ground by 5 % of its height in the whole clip leaves as much.
+const MOST_REMAINDER: f64 = 1.0 / 640.0;
+/// Measure of that shift, pixels.
+const REMAINDER_MEASURE: &str = "hovering_remainder_pixels";
+/// Angle of the mean camera below the horizon that the ground is assumed by.
+const PITCH_MEASURE: &str = "hovering_pitch_degrees";
+/// That of a camera that looks straight down.
+const NADIR: f64 = 90.0;
 /// A path of the image's middle below this is static, pixels.
 const STILL: f64 = 2.0;
 
@@ -102,43 +116,36 @@ pub(crate) fn registered(
     }
 }
 
-/// Returns the poses of a hovering camera if structure from motion found none, or found them without parallax. `None`
-/// if the images do not fit rotations either, or the poses are sound.
+/// Returns the poses of a hovering camera over planar ground if structure from motion found none, or found them without
+/// parallax. `pitch` is the stated angle of the camera below the horizon, degrees. `None` if the images do not fit
+/// rotations either, or the poses are sound.
+///
+/// Where rotations leave shifts between frames, or no frame shows ground, no ground is assumed: the result has no
+/// points, and its source says why.
+///
+/// # Errors
+/// When an image cannot be read.
 pub(super) fn of_hovering(
-    folder: &Path,
-    sequence: &Sequence,
+    (folder, sequence): (&Path, &Sequence),
     found: &Result<PosedSequence, CurateError>,
+    pitch: Option<f64>,
     progress: &dyn Progress,
 ) -> Result<Option<PosedSequence>, CurateError> {
-    let mut focal = None;
-    let why = match found {
-        Err(CurateError::Sfm(error @ (SfmError::NoPoses { .. } | SfmError::Broken { .. }))) => {
-            error.to_string()
-        }
-        Ok(posed) => {
-            let measures = &posed.validation.measures;
-            focal = measures.get(sfm::TURNS_FOCAL_MEASURE).copied();
-            match measures.get(sfm::TURNS_MEASURE) {
-                Some(&pixels) if pixels <= TURNS_PIXELS => {
-                    format!("turns alone explain where points are seen, to {pixels:.2} pixels")
-                }
-                _ => return Ok(None),
-            }
-        }
-        Err(_) => return Ok(None),
-    };
-    if !sequence.is_pinhole() {
+    let Some((why, focal)) = no_parallax(found).filter(|_| sequence.is_pinhole()) else {
         return Ok(None);
-    }
+    };
     progress.note(&format!(
         "{}: no parallax is found, so the frames are compared as those of a camera that hovers",
         sequence.id
     ));
     let entries = &sequence.frames.entries;
-    let frames: Vec<GreyFrame> = entries
-        .par_iter()
-        .map(|entry| {
-            let image = RgbImage::read(&folder.join(&entry.file))?;
+    let read = |frame: usize| -> Result<RgbImage, CurateError> {
+        Ok(RgbImage::read(&folder.join(&entries[frame].file))?)
+    };
+    let frames: Vec<GreyFrame> = (0..entries.len())
+        .into_par_iter()
+        .map(|frame| {
+            let image = read(frame)?;
             let open = vec![true; image.width * image.height];
             Ok(grey_frame(&image, open))
         })
@@ -148,27 +155,130 @@ pub(super) fn of_hovering(
     if !turns.succeeded {
         return Ok(None);
     }
-    let problem = format!(
-        "the camera hovers: no parallax ({why}), and homographies explain the frames; what moves can be tracked, \
-         nothing can be reconstructed"
-    );
+    let left = remainder_pixels(&frames, &turns);
+    if found.is_err() && !is_planar(left, size) {
+        progress.note(&format!(
+            "{}: the camera does not hover over planar ground: {}",
+            sequence.id,
+            misfit(left, size)
+        ));
+        return Ok(None);
+    }
+    let ground = if is_planar(left, size) {
+        planar_ground::below(turns.camera, &turns.poses, pitch.unwrap_or(NADIR), read)?
+    } else {
+        None
+    };
+    Ok(Some(hovering(turns, ground, (left, pitch), &why)))
+}
+
+/// Returns why poses show no parallax, and the focal length of the rotations, pixels, where it is known; `None` where
+/// they are sound, or failed for another reason.
+fn no_parallax(found: &Result<PosedSequence, CurateError>) -> Option<(String, Option<f64>)> {
+    match found {
+        Err(CurateError::Sfm(error @ (SfmError::NoPoses { .. } | SfmError::Broken { .. }))) => {
+            Some((error.to_string(), None))
+        }
+        Ok(posed) => {
+            let measures = &posed.validation.measures;
+            let pixels = measures.get(sfm::TURNS_MEASURE)?;
+            let why = format!("turns alone explain where points are seen, to {pixels:.2} pixels");
+            let focal = measures.get(sfm::TURNS_FOCAL_MEASURE).copied();
+            (*pixels <= TURNS_PIXELS).then_some((why, focal))
+        }
+        Err(_) => None,
+    }
+}
+
+/// Returns the shifts that rotations leave between frames, pixels; `None` where too little detail tells.
+fn remainder_pixels(frames: &[GreyFrame], turns: &RegisteredTurns) -> Option<f64> {
+    let Camera::Pinhole(camera) = turns.camera else {
+        return None;
+    };
+    let rotations = turns.poses.iter();
+    let rotations: Vec<DQuat> = rotations
+        .map(|pose| pose.as_ref().and_then(Pose::rotation).unwrap_or_default())
+        .collect();
+    let width = f64::from(camera.width);
+    Some(width * remainder(frames, &rotations, camera.fx / width)?)
+}
+
+/// Returns the largest shift of a camera over planar ground, pixels.
+fn most_remainder([width, _]: [usize; 2]) -> f64 {
+    MOST_REMAINDER * width as f64
+}
+
+/// Returns true if rotations leave so little that the ground may be a plane below a camera in one place.
+fn is_planar(left: Option<f64>, size: [usize; 2]) -> bool {
+    left.is_some_and(|left| left <= most_remainder(size))
+}
+
+/// Returns the reason why no planar ground is assumed.
+fn misfit(left: Option<f64>, size: [usize; 2]) -> String {
+    match left {
+        Some(left) => format!(
+            "homographies of a plane leave {left:.2} pixels between frames (limit {:.2})",
+            most_remainder(size)
+        ),
+        None => "too little detail shows to tell".to_owned(),
+    }
+}
+
+/// Makes the poses of a hovering camera, over `ground` where it is known.
+fn hovering(
+    turns: RegisteredTurns,
+    ground: Option<PlanarGround>,
+    (left, pitch): (Option<f64>, Option<f64>),
+    why: &str,
+) -> PosedSequence {
+    let size = turns.camera.size();
     let count = turns.poses.len() as u32;
-    Ok(Some(PosedSequence {
+    let mut measures: BTreeMap<String, f64> = BTreeMap::new();
+    measures.extend(left.map(|left| (REMAINDER_MEASURE.to_owned(), left)));
+    let (poses, points, reason, problem) = match ground {
+        Some(ground) => {
+            measures.insert(PITCH_MEASURE.to_owned(), pitch.unwrap_or(NADIR));
+            let tilt = match pitch {
+                Some(degrees) => format!("by a stated pitch of {degrees} degrees"),
+                None => "as if the mean camera looked straight down (--camera-pitch)".to_owned(),
+            };
+            let fit = left.map_or_else(String::new, |left| format!(" to {left:.2} pixels"));
+            let problem = format!(
+                "the camera hovers: no parallax ({why}), and homographies explain the frames{fit}; its \
+                 ground is assumed to be a level plane, {tilt}, at a distance of 1 (--altitude brings it to metres)"
+            );
+            (ground.poses, ground.points, turns.reason, problem)
+        }
+        None => {
+            let misfit = if is_planar(left, size) {
+                "no frame shows ground that is not near the horizon".to_owned()
+            } else {
+                misfit(left, size)
+            };
+            let problem = format!(
+                "the camera hovers: no parallax ({why}), but no planar ground is assumed: {misfit}; what moves can be \
+                 tracked, nothing can be reconstructed"
+            );
+            let reason = format!("{}; no planar ground: {misfit}", turns.reason);
+            (turns.poses, PointCloud::default(), reason, problem)
+        }
+    };
+    PosedSequence {
         camera: turns.camera.into(),
-        masks: vec![None; turns.poses.len()],
-        poses: turns.poses,
-        points: Some(PointCloud::default()),
+        masks: vec![None; poses.len()],
+        poses,
+        points: Some(points),
         scale: Scale::Arbitrary,
         source: PoseSource::Registered {
-            reason: turns.reason,
+            reason,
             succeeded: true,
         },
         validation: PoseValidation {
             status: ValidationStatus::Unstable,
             registered_frames: count,
             total_frames: count,
-            measures: [].into(),
+            measures,
             problems: vec![problem],
         },
-    }))
+    }
 }
