@@ -126,15 +126,16 @@ fn detail(matrix: &DMat3) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
     const WIDTH: usize = 160;
     const HEIGHT: usize = 90;
-    const FOCAL: f64 = 0.8;
+    /// Focal length over the width.
+    pub(crate) const FOCAL: f64 = 0.8;
 
-    /// Returns luma of the ground, which is at a distance of 1, or of a roof in a quarter of it.
-    fn frame(rotation: DQuat, centre: DVec3, roof: f64) -> GreyFrame {
+    /// Returns 160x90 pixels of luma of the ground, which is at a distance of 1, or of a roof in a quarter of it.
+    pub(crate) fn frame(rotation: DQuat, centre: DVec3, roof: f64) -> GreyFrame {
         let middle = 0.5 * DVec2::new(WIDTH as f64 - 1.0, HEIGHT as f64 - 1.0);
         let luma = |at: DVec2| {
             let wave = (31.0 * at.x + 9.0 * at.y).sin()
