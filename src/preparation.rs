@@ -52,7 +52,7 @@ fn meet(
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     match requirement {
-        // A scene has parallax or not; the method refuses one without it.
+        // A scene has parallax or planar ground, or not; the method refuses one without them.
         Requirement::Parallax => Ok(()),
         Requirement::DensePoints => dense_points(scene, split, false, progress),
         Requirement::Tracks => {

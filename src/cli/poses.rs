@@ -36,6 +36,10 @@ pub(crate) struct PoseArguments {
     /// below.
     #[arg(long, value_name = "METRES", value_parser = numbers::positive)]
     pub(crate) gsd: Option<f64>,
+    /// Mean angle of a hovering drone's camera below the horizon, 20 to 90: tilts the level ground that is assumed
+    /// below it. Without it the camera counts as looking straight down.
+    #[arg(long, value_name = "DEGREES", conflicts_with = "poses")]
+    pub(crate) camera_pitch: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -126,6 +130,7 @@ impl PoseArguments {
             masks: self.poses.as_ref().and(masks.cloned()),
             ignored: self.ignored.ignore_mask.clone(),
             pose_convention: self.poses_convention.map(Into::into),
+            camera_pitch: self.camera_pitch,
             scale: self
                 .altitude
                 .map(GroundScale::Altitude)

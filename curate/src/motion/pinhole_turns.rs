@@ -4,10 +4,16 @@
 //! directly: Gauss-Newton minimizes the sum of robust squared differences of luma over the rotation vector. It goes
 //! from coarse images to fine ones, over pixels without masks in the first frame. The focal length is the one of a grid
 //! whose registrations leave the least cost. If the camera also translates, the result is the rotation that explains
-//! most of it.
+//! most of it; [`remainder()`] measures what that leaves.
+
+mod remainder;
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
+
+pub use remainder::remainder;
+#[cfg(test)]
+pub(crate) use remainder::tests as flat_ground;
 
 /// Width of the finest images that are registered, at most.
 const FINEST: usize = 320;
@@ -46,6 +52,8 @@ pub struct Turns {
     pub least_fit: f64,
     /// Sum of the shifts of the image's middle, in widths.
     pub path: f64,
+    /// Sum of the mean robust costs of a pixel, over all neighbouring frames.
+    pub cost: f64,
 }
 
 /// A frame and its copies, each at half the size of the one before.
@@ -263,6 +271,7 @@ pub fn turns(frames: &[GreyFrame], focal: Option<f64>) -> Turns {
         focal,
         least_fit: fits.iter().map(|fit| fit.share).fold(1.0, f64::min),
         path,
+        cost: cost(&fits),
     }
 }
 

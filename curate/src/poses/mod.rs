@@ -21,6 +21,7 @@ pub mod level;
 pub(crate) mod masks;
 pub mod matrices;
 mod parallax;
+mod planar_ground;
 mod prior;
 mod saturated;
 pub mod sfm;
@@ -151,7 +152,7 @@ pub fn pose_sequence_with(
 ) -> Result<Scene, CurateError> {
     let sequence_path = sequence_folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&sequence_path)?;
-    let (scale, convention) = (truth.scale, truth.pose_convention);
+    let (scale, convention, pitch) = (truth.scale, truth.pose_convention, truth.camera_pitch);
     if let PoseRequest::Given(path) = request {
         given::matrix_convention(path, convention)?;
     }
@@ -163,6 +164,9 @@ pub fn pose_sequence_with(
     }
     if let Some(convention) = convention {
         plan = plan.with_settings("poses convention", &convention);
+    }
+    if let Some(pitch) = pitch {
+        plan = plan.with_settings("camera pitch", &pitch);
     }
     let scene_path = sequence_folder.join(SCENE_FILE);
     let skipped = format!("{}: poses unchanged, skipped", sequence.id);
@@ -178,7 +182,8 @@ pub fn pose_sequence_with(
                     (settings, &truth.ignored),
                     progress,
                 );
-                let hovering = turns::of_hovering(sequence_folder, &sequence, &found, progress)?;
+                let hovering =
+                    turns::of_hovering((sequence_folder, &sequence), &found, pitch, progress)?;
                 hovering.map_or(found, Ok)?
             }
         };
@@ -186,6 +191,10 @@ pub fn pose_sequence_with(
             scale
                 .apply(&mut posed)
                 .map_err(|reason| CurateError::input(&sequence_path, reason))?;
+        }
+        if pitch.is_some() && !matches!(posed.source, PoseSource::Registered { .. }) {
+            let unused = "--camera-pitch tilts nothing: the camera does not hover, and its poses have their own ground";
+            posed.validation.problems.push(unused.to_owned());
         }
         truth.complete_masks(&mut posed.masks);
         let oddities = truth.notes(&posed.masks, &posed.camera.camera())?;

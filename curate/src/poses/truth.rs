@@ -28,6 +28,7 @@ use super::{
     ground_scale::GroundScale,
     ignored::{IgnoredPixels, IgnoredRegion},
     masks,
+    planar_ground::PITCHES,
     prior::{GivenPrior, PriorFiles},
     refuse_missing,
     saturated::SaturatedFiles,
@@ -52,6 +53,8 @@ pub struct GivenTruth {
     pub scale: Option<GroundScale>,
     /// Direction of the matrices, for poses that are given as matrices.
     pub pose_convention: Option<PoseConvention>,
+    /// Mean angle below the horizon of a camera that hovers, degrees; it tilts the assumed ground.
+    pub camera_pitch: Option<f64>,
 }
 
 /// Images of distances along the rays.
@@ -94,6 +97,15 @@ impl GivenTruth {
         {
             let reason = format!("the unit of distances must be positive, got {}", depth.unit);
             return Err(CurateError::input(&depth.folder, reason));
+        }
+        let [least, most] = PITCHES;
+        if let Some(pitch) = self
+            .camera_pitch
+            .filter(|pitch| !(least..=most).contains(pitch))
+        {
+            let reason =
+                format!("must be {least} to {most} degrees below the horizon, got {pitch}");
+            return Err(CurateError::input(Path::new("--camera-pitch"), reason));
         }
         self.classes
             .iter()

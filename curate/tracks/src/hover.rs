@@ -1,6 +1,7 @@
 //! Tracking with a hovering camera. It sees no parallax: images of different times differ by a homography, and that of
-//! a plane at any distance is the same. So static content is modelled as a plane across the viewing direction, at a
-//! distance of 1; the rest of tracking is the same as over true ground.
+//! a plane at any distance is the same. So static content is modelled as a plane: the one of the scene's points, which
+//! is assumed too, or without points one across the viewing direction at a distance of 1. The rest of tracking is the
+//! same as over true ground.
 
 use glam::DVec3;
 use omnilife_schemas::{
@@ -31,7 +32,8 @@ pub(super) fn static_points(
     match points {
         Some(points) => {
             let points = PointCloud::read_ply(&points.file)?.positions.into_iter();
-            Ok((points.map(DVec3::from_array).collect(), Vec::new()))
+            let warnings = scene.planar_ground().into_iter().collect();
+            Ok((points.map(DVec3::from_array).collect(), warnings))
         }
         None if is_hovering(scene, views) => {
             let warning = "the camera hovers, and without parallax there is no ground: tracks are on a plane \

@@ -124,6 +124,7 @@ pub fn reconstruct(
         }
         let mut notes = scene::mask_notes(&request.scene, &request.split)?;
         notes.extend(scene.far_frames());
+        notes.extend(scene.planar_ground());
         for line in &notes {
             progress.note(line);
         }
@@ -211,9 +212,10 @@ fn begun_record(
     }
 }
 
-/// Refuses a scene whose camera only rotates to a method that needs places in space.
+/// Refuses a scene whose camera only rotates, over no planar ground, to a method that needs places in space.
 fn refuse_without_parallax(method: &Method, scene: &Scene) -> Result<(), ReconstructError> {
     if method.needs(Requirement::Parallax)
+        && scene.planar_ground().is_none()
         && let PoseSource::Registered { reason, .. } = &scene.pose_source
     {
         let reason = format!(

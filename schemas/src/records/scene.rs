@@ -65,6 +65,29 @@ impl Scene {
         pose::far_frames(&poses)
     }
 
+    /// Returns a line on the ground of a hovering camera, which is assumed; `None` for scenes of other poses, and where no
+    /// ground is assumed. Registered images tell rotations alone, so that points beside them are of such a ground.
+    pub fn planar_ground(&self) -> Option<String> {
+        let is_registered = matches!(
+            self.pose_source,
+            PoseSource::Registered {
+                succeeded: true,
+                ..
+            }
+        );
+        if !is_registered || self.points.is_none() || !matches!(self.camera, Camera::Pinhole(_)) {
+            return None;
+        }
+        let unit = match self.scale {
+            Scale::Metres => "lengths are metres by its stated height",
+            Scale::Arbitrary => "lengths are relative to its height",
+        };
+        Some(format!(
+            "the camera of {} hovers: its ground is assumed to be a plane, on which what stands has no height; {unit}",
+            self.id
+        ))
+    }
+
     /// Returns the SHA-256 of its camera and poses. Measurements in its world are invalid with other ones.
     pub fn geometry_sha256(&self) -> String {
         let poses: Vec<_> = self.frames.iter().map(|frame| &frame.pose).collect();

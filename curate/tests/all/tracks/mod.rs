@@ -4,6 +4,7 @@
 mod estimates;
 mod every_frame;
 mod exports;
+mod hovering;
 mod moved;
 mod orthophotos;
 #[cfg(unix)]

@@ -54,7 +54,9 @@ pub const METHOD: Method = Method {
                   (pose-reach-errors); path-alignment measures the error, otherwise it is taken as a \
                   tenth of a vehicle's length; steps of 4DGF are for 30,000 iterations and more, and move \
                   paths by centimetres in a short run. \
-                  Takes pinhole and ERP scenes; tracks come from `omnilife curate tracks`. Departures \
+                  Takes pinhole and ERP scenes; tracks come from `omnilife curate tracks`. Over a hovering \
+                  camera's scene the ground is an assumed plane, and novel views from elsewhere show what \
+                  stands on it flat. Departures \
                   from the paper and from 4DGF: colours are constants per Gaussian (SH degree 0) and no \
                   network predicts them; no codes for appearance or transients (one video has no use \
                   for them) and no deformation (vehicles are rigid); 1 - SSIM in the loss where the \
