@@ -344,6 +344,8 @@ fn hovering(
 
 #[cfg(test)]
 mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
     use omnilife_schemas::posed_view::PosedView;
 
     use super::*;

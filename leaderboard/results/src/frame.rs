@@ -88,7 +88,7 @@ impl<'a> Builder<'a> {
         match (&mut self.values, self.selected.column.values) {
             (ColumnBuilder::Text(values), Getter::Text(get)) => values.push(get(row)),
             (ColumnBuilder::Number(values), Getter::Number(get)) => {
-                values.push(get(row).map(stepped))
+                values.push(get(row).map(stepped));
             }
             (ColumnBuilder::Number(values), Getter::Count(get)) => {
                 values.push(get(row).map(|count| stepped(count as f64)));

@@ -76,7 +76,7 @@ impl RenderedRays {
     }
 }
 
-impl TakenFrame {
+impl FootageFrame {
     pub(super) fn moment(&self) -> Moment {
         Moment {
             time: self.time,
