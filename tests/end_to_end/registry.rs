@@ -257,7 +257,7 @@ fn every_method_can_be_benchmarked() {
     ended.succeeded();
 }
 
-/// A hovering camera shows motion but no geometry, so nothing can be reconstructed from it.
+/// A hovering camera without planar ground shows motion but no geometry, so nothing can be reconstructed from it.
 #[test]
 fn methods_that_need_parallax_refuse_a_camera_that_hovers() {
     let copy = copy_of_small_run();

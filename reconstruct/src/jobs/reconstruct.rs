@@ -307,3 +307,68 @@ pub(crate) fn prepare_predictions(
     stage.own_files().remove(is_view)?;
     store::create_folder(&out.join(folder))
 }
+
+#[cfg(test)]
+mod tests {
+    use omnilife_schemas::{
+        camera::{Camera, ErpCamera, PinholeCamera},
+        records::Scale,
+    };
+
+    use super::*;
+
+    #[test]
+    fn a_registered_scene_needs_planar_ground() {
+        let method = registry::find("object-graph").expect("a method");
+        let pinhole = PinholeCamera::with_horizontal_field_of_view(64, 36, 1.0);
+        let hovering = Scene {
+            points: Some("points.ply".to_owned()),
+            pose_source: PoseSource::Registered {
+                reason: "homographies of a plane leave 1.40 pixels".to_owned(),
+                succeeded: true,
+            },
+            ..Scene::given("hover", pinhole, Vec::new())
+        };
+        assert!(refuse_without_parallax(method, &hovering).is_ok());
+        let line = hovering.planar_ground().expect("a line");
+        assert!(line.contains("relative to its height"), "{line}");
+        let metric = Scene {
+            scale: Scale::Metres,
+            ..hovering.clone()
+        };
+        assert!(
+            metric
+                .planar_ground()
+                .is_some_and(|line| line.contains("metres"))
+        );
+        let uncertain = PoseSource::Registered {
+            reason: "homographies of a plane leave 1.40 pixels".to_owned(),
+            succeeded: false,
+        };
+        for refused in [
+            Scene {
+                points: None,
+                ..hovering.clone()
+            },
+            Scene {
+                pose_source: uncertain,
+                ..hovering.clone()
+            },
+            Scene {
+                camera: Camera::from(ErpCamera::new(64, 32)),
+                ..hovering.clone()
+            },
+        ] {
+            let error = refuse_without_parallax(method, &refused).unwrap_err();
+            let message = error.to_string();
+            assert!(
+                message.contains("1.40 pixels") && !message.contains('\n'),
+                "{message}"
+            );
+        }
+        // A flight is a flight.
+        let flight = Scene::given("flight", pinhole, Vec::new());
+        assert!(refuse_without_parallax(method, &flight).is_ok());
+        assert_eq!(flight.planar_ground(), None);
+    }
+}

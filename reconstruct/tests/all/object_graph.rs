@@ -16,7 +16,7 @@ use omnilife_schemas::{
     trajectory::{BSpline, ObjectPath},
 };
 
-use crate::support::{moving_ball, trained::arrays_with_growth};
+use crate::support::{flight, moving_ball, novel_views::novel_psnr, trained::arrays_with_growth};
 
 /// Returns the clip of the moving ball with its true track.
 pub(crate) fn scene() -> TrainingScene {
@@ -154,6 +154,38 @@ fn what_moves_is_better_than_a_static_scene_has_it_and_can_be_taken_out() {
     assert!(opacity.data.iter().any(|&opacity| opacity > 0.25) && opacity.data.contains(&0.0));
     assert!(layers.refusal(Layer::Object(5)).is_none());
     assert!(layers.refusal(Layer::Object(6)).is_some());
+}
+
+/// Returns the PSNR of the static part in the novel views of another scene, dB.
+fn static_psnr(model: &Model, truth: &TrainingScene) -> f64 {
+    let settings = omnilife_engine::render::settings::RenderSettings::new(0.01);
+    let mut layers = LayerRenderer::new(model.clone(), settings);
+    let mut target = Vec::new();
+    let (mut squares, mut count) = (0.0, 0);
+    for view in &truth.novel_views {
+        view.write_image(&mut target);
+        let image = layers.image(&view.view, Layer::Static);
+        for (value, wanted) in image.data.iter().zip(&target) {
+            squares += f64::from(value - wanted).powi(2);
+            count += 1;
+        }
+    }
+    -10.0 * (squares / f64::from(count)).log10()
+}
+
+#[test]
+fn a_hovering_camera_has_objects_over_its_planar_ground() {
+    let scene = flight::hovering(flight::true_path(), true);
+    let empty = flight::hovering(flight::true_path(), false);
+    let mut graph = train(&scene, "object-graph");
+    let psnr = novel_psnr(&mut graph, &scene);
+    assert!(psnr > 40.0, "{psnr} dB");
+    let model = graph.learner.gaussians().unwrap().unwrap();
+    assert_eq!(model.parts.len(), 2);
+    // Without the vehicle its ground is there, in images that never showed it so.
+    let removed = static_psnr(model, &empty);
+    assert!(removed > 40.0, "{removed} dB");
+    assert!(static_psnr(model, &scene) < removed - 10.0);
 }
 
 #[test]

@@ -65,8 +65,8 @@ impl Scene {
         pose::far_frames(&poses)
     }
 
-    /// Returns a line on the ground of a hovering camera, which is assumed; `None` for scenes of other poses, and where no
-    /// ground is assumed. Registered images tell rotations alone, so that points beside them are of such a ground.
+    /// Returns a line on the ground of a hovering camera, which is assumed; `None` for scenes of other poses, and where
+    /// no ground is assumed. Registered images tell rotations alone, so that points beside them are of such a ground.
     pub fn planar_ground(&self) -> Option<String> {
         let is_registered = matches!(
             self.pose_source,

@@ -20,6 +20,8 @@ const VIEWS: u32 = 16;
 const HEIGHT: f64 = 50.0;
 /// Normalized units of a metre.
 const SCALE: f64 = 0.04;
+/// Those of a scene whose camera hovers: points are a thousand away.
+const HOVERING_SCALE: f64 = 1000.0 / HEIGHT;
 /// Samples along a side of a pixel.
 const SAMPLES: u32 = 2;
 
@@ -61,18 +63,49 @@ pub(crate) fn path_beside(sway: f64) -> ObjectPath {
 
 /// Returns the flight with the vehicle on its true path in the images, and on `given` in the tracks.
 pub(crate) fn scene(given: ObjectPath) -> TrainingScene {
+    scene_of(given, SCALE, true, |at| {
+        (looks_down(), dvec3(0.3 * at - 2.0, 0.1 * at, HEIGHT))
+    })
+}
+
+/// Returns the same from a camera that hovers and turns, at the size at which a scene of its points is loaded; on
+/// request without the vehicle in the images.
+pub(crate) fn hovering(given: ObjectPath, shows_vehicle: bool) -> TrainingScene {
+    scene_of(given, HOVERING_SCALE, shows_vehicle, |at| {
+        let turn = DMat3::from_rotation_z(0.01 * at) * looks_down();
+        let to_world = turn * DMat3::from_rotation_x(0.02 * at.sin());
+        (to_world, dvec3(0.0, 0.0, HEIGHT))
+    })
+}
+
+/// Returns the rotation of a camera that looks straight down.
+fn looks_down() -> DMat3 {
+    DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z)
+}
+
+/// Returns the scene of cameras (to the world) and their centres by the time.
+fn scene_of(
+    given: ObjectPath,
+    scale: f64,
+    shows_vehicle: bool,
+    camera_at: impl Fn(f64) -> (DMat3, DVec3),
+) -> TrainingScene {
     let camera: Camera = PinholeCamera::with_horizontal_field_of_view(192, 108, 0.7).into();
-    let normalization = Similarity::new([0.0, 0.0, HEIGHT], SCALE);
+    let normalization = Similarity::new([0.0, 0.0, HEIGHT], scale);
     let truth = true_path();
     let views = (0..VIEWS).map(|frame| {
         let at = f64::from(frame);
-        let to_world = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
-        let centre = dvec3(0.3 * at - 2.0, 0.1 * at, HEIGHT);
+        let (to_world, centre) = camera_at(at);
         let pose = Pose::new(DQuat::from_mat3(&to_world), centre);
         TrainingView {
             frame,
             view: View::new(camera, &pose, &normalization, at).unwrap(),
-            pixels: image(camera, to_world, centre, &vehicle(&truth, at)),
+            pixels: image(
+                camera,
+                to_world,
+                centre,
+                shows_vehicle.then(|| vehicle(&truth, at)).as_ref(),
+            ),
             mask: None,
             ignored: None,
         }
@@ -118,7 +151,7 @@ fn vehicle(path: &ObjectPath, seconds: f64) -> OrientedBox {
     }
 }
 
-fn image(camera: Camera, to_world: DMat3, centre: DVec3, vehicle: &OrientedBox) -> Vec<u8> {
+fn image(camera: Camera, to_world: DMat3, centre: DVec3, vehicle: Option<&OrientedBox>) -> Vec<u8> {
     let [width, height] = camera.size();
     let mut pixels = Vec::with_capacity(3 * width * height);
     for pixel in 0..width * height {
@@ -136,9 +169,10 @@ fn image(camera: Camera, to_world: DMat3, centre: DVec3, vehicle: &OrientedBox) 
 }
 
 /// Returns the levels of a ray from the camera.
-fn seen(centre: DVec3, ray: DVec3, vehicle: &OrientedBox) -> [f64; 3] {
-    match vehicle.crossing(centre, ray) {
-        Some([distance, _]) => {
+fn seen(centre: DVec3, ray: DVec3, vehicle: Option<&OrientedBox>) -> [f64; 3] {
+    let crossing = vehicle.and_then(|vehicle| Some((vehicle, vehicle.crossing(centre, ray)?)));
+    match crossing {
+        Some((vehicle, [distance, _])) => {
             let own = vehicle.axes.transpose() * (centre + ray * distance - vehicle.centre);
             paint(own.truncate())
         }
