@@ -28,8 +28,7 @@ use super::{
 /// Names of the files.
 pub(super) const FILES: [&str; 3] = ["cameras.txt", "images.txt", "points3D.txt"];
 /// Fault of a line of features. Files of other programs often lack these lines.
-const FEATURES_FAULT: &str =
-    "features must be triples of x, y and point; an image without features is followed by an empty line";
+const FEATURES_FAULT: &str = "features must be triples of x, y and point; an image without features is followed by an empty line";
 /// Panoramas in COLMAP, and in its earlier forks.
 const SPHERES: [&str; 3] = ["EQUIRECTANGULAR", "SPHERICAL", "SPHERE"];
 

@@ -359,7 +359,7 @@ mod tests {
                 ..hovering.clone()
             },
         ] {
-            let error = refuse_without_parallax(method, &refused).unwrap_err();
+            let error = refuse_without_parallax(method, &refused).expect_err("refused");
             let message = error.to_string();
             assert!(
                 message.contains("1.40 pixels") && !message.contains('\n'),
