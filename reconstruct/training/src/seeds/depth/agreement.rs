@@ -4,7 +4,7 @@ use glam::Vec3;
 use omnilife_engine::camera::nearest::Projector;
 use rayon::prelude::*;
 
-use super::lift::{DistanceView, Lifted, pixel_angle};
+use super::lift::{DistanceView, SurfaceSamples, pixel_angle};
 
 /// Minimum tolerance of the distances of two views of one surface, as a share.
 const LEAST_TOLERANCE: f64 = 0.02;
@@ -54,7 +54,7 @@ fn is_farther(theirs: f32, distance: f32, tolerance: f32) -> bool {
 /// A view j sees the sample's surface where `|D_j - d| < tolerance d`, with the distance `d` of the sample from
 /// it. There its own samples have the radius `d pitch / sqrt(cos)`. Among equals the earlier view's stays.
 pub fn agreement(
-    lifted: &Lifted,
+    lifted: &SurfaceSamples,
     own: usize,
     views: &[DistanceView<'_>],
     tolerance: f64,
