@@ -36,7 +36,7 @@ pub(super) fn read(path: &Path) -> Result<Poses, StoreError> {
         }
         let frame = posed_frame(line).ok_or_else(|| {
             let number = index.saturating_add(1);
-            let reason = format!("line {number} is no `timestamp tx ty tz qx qy qz qw`");
+            let reason = format!("line {number} must be `timestamp tx ty tz qx qy qz qw`");
             StoreError::malformed(path, reason)
         })?;
         frames.push(frame);
@@ -86,7 +86,7 @@ mod tests {
         ] {
             std::fs::write(&path, format!("# a\n{broken}\n"))?;
             let reason = read_frames().expect_err("broken").to_string();
-            assert!(reason.contains("line 2 is no"), "{reason}");
+            assert!(reason.contains("line 2 must be"), "{reason}");
         }
         Ok(())
     }
