@@ -32,7 +32,7 @@ def main():
     for kind in ["train", "test"]:
         names = scene[f"{kind}_filenames"]
         if any(Path(name).suffix != ".png" for name in names):
-            parser.error(f"{data} has images that are no .png")
+            parser.error(f"{data} has images that are not .png")
         frames = [
             {
                 "file_path": f"./{name[:-4]}",

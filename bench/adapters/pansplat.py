@@ -20,7 +20,7 @@ from pathlib import Path
 def png_size(path):
     data = path.read_bytes()[:24]
     if data[:8] != b"\x89PNG\r\n\x1a\n":
-        raise SystemExit(f"{path} is no PNG")
+        raise SystemExit(f"{path} is not a PNG")
     return "{}x{}".format(*struct.unpack(">II", data[16:24]))
 
 

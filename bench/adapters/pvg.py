@@ -54,7 +54,7 @@ def prepare(arguments):
         if (image[9] in novel) != (number % EVERY == 0):
             raise SystemExit(f"{image[9]}: every {EVERY}th posed frame must be a novel view, and no other")
         if not image[9].endswith(".png"):
-            raise SystemExit(f"{image[9]} is no .png")
+            raise SystemExit(f"{image[9]} is not a .png")
     points = [line.split()[1:4] for line in (model / "points3D.txt").read_text().split("\n") if line]
     points = [[float(value) for value in point] for point in points]
     for name in ["calib", "pose", "image_0", "sky_0", "velodyne"]:

@@ -91,8 +91,7 @@ fn what_is_predicted_where_nothing_counts_is_looked_at_and_not_shown() {
     let file = bench.request.scene.with_file_name("holder.png");
     mask.write_png(&file).unwrap();
     let result = bench.score().unwrap();
-    let told =
-        "10 of 10 scored views have pixels that are no part of the scene; no score counts them";
+    let told = "10 of 10 scored views have ignored pixels, which no score counts";
     assert!(
         result.warnings.iter().any(|line| line == told),
         "{:?}",

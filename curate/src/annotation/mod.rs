@@ -166,7 +166,7 @@ fn apply(
         CurateError::input(
             source,
             format!(
-                "{}: {name} is no {kind} of taxonomy {}",
+                "{}: {name} is not among the {kind}s of taxonomy {}",
                 row.sequence, taxonomy.version
             ),
         )

@@ -116,7 +116,7 @@ fn float_in_bgra(path: &Path, unit: f64, wraps: bool) -> Result<DistanceImage, S
     let file = ImageFile::open(path)?;
     let [width, height] = file.size();
     let DynamicImage::ImageRgba8(image) = file.decode()? else {
-        let reason = "is no PNG of four bytes a pixel, which are those of its distance";
+        let reason = "must be a PNG of four bytes a pixel, those of its distance";
         return Err(StoreError::malformed(path, reason));
     };
     let mut values = Vec::with_capacity(image.len().div_ceil(4));

@@ -56,7 +56,7 @@ pub fn read_trajectory(
         _ => return poses_of_scene(path, convention, scene),
     };
     if convention.is_some() {
-        let reason = "is no .npy with matrices, which alone have a convention to be stated";
+        let reason = "must be a .npy with matrices: other files take no convention";
         return Err(CurateError::input(path, reason));
     }
     by_name(path, &named, scene)
@@ -199,7 +199,7 @@ mod tests {
         let convention = Some(PoseConvention::CameraToWorld);
         let refusal = read_trajectory(&file("images.txt"), convention, &scene());
         let reason = refusal.expect_err("no matrices").to_string();
-        assert!(reason.contains("is no .npy"), "{reason}");
+        assert!(reason.contains("must be a .npy"), "{reason}");
         Ok(())
     }
 }

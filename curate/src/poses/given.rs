@@ -121,7 +121,7 @@ pub(super) fn matrix_convention(
             Err(CurateError::input(path, reason))
         }
         (false, Some(_)) => {
-            let reason = "is no .npy with matrices, which alone have a convention to be stated";
+            let reason = "must be a .npy with matrices: other files take no convention";
             Err(CurateError::input(path, reason))
         }
         (_, convention) => Ok(convention),

@@ -38,8 +38,8 @@ pub(super) fn read(path: &Path) -> Result<Poses, StoreError> {
             let number = index.saturating_add(1);
             StoreError::malformed(path, format!("line {number} {reason}"))
         };
-        let mut frame =
-            posed_frame(line).ok_or_else(|| malformed("is no `timestamp tx ty tz qx qy qz qw`"))?;
+        let mut frame = posed_frame(line)
+            .ok_or_else(|| malformed("must be `timestamp tx ty tz qx qy qz qw`"))?;
         let rotation = frame.pose.rotation().filter(|_| frame.pose.is_unit());
         let rotation = rotation.ok_or_else(|| {
             malformed("must end in a unit quaternion qx qy qz qw, got one of another length")
@@ -82,7 +82,7 @@ mod tests {
         for broken in ["1 2 3", "1 1 2 3 0 0 0 1 9", "1 1 2 nan 0 0 0 1"] {
             std::fs::write(&path, format!("# a\n{broken}\n"))?;
             let reason = read_frames().expect_err("broken").to_string();
-            assert!(reason.contains("line 2 is no"), "{reason}");
+            assert!(reason.contains("line 2 must be"), "{reason}");
         }
         // The last: rotation before place.
         for broken in ["1 1 2 3 0 0 0 0", "1 1 2 3 0 0 0 2", "1 0 0 0 1 4 5 6"] {

@@ -56,7 +56,7 @@ pub(crate) fn expect_shape(
         return Ok(());
     }
     Err(format!(
-        "its frames of {width}x{height} are no {layout}, which is {narrowest} to {widest} times as wide as high"
+        "frames of {layout} must be {narrowest} to {widest} times as wide as high, got {width}x{height}"
     ))
 }
 

@@ -193,7 +193,7 @@ fn what_is_wrong_with_an_annotation_is_said_in_one_line() {
     let head = "sequence,author,scene,action\n";
     let said = with_table(&format!("{head}walk/seq-000,Ada,night-marked,\n"));
     assert!(
-        said.contains("night-marked is no scene of taxonomy 1.0"),
+        said.contains("night-marked is not among the scenes of taxonomy 1.0"),
         "{said}"
     );
     let said = with_table(&format!("{head}walk/seq-007,Ada,beach,\n"));
@@ -240,7 +240,7 @@ fn what_is_wrong_with_an_annotation_is_said_in_one_line() {
         "wrong",
         "echo '{\"action\": \"napping\"}'",
     ));
-    assert!(said.contains("napping is no action"), "{said}");
+    assert!(said.contains("napping is not among the actions"), "{said}");
     let slow = CaptionCommand {
         timeout: Duration::from_millis(300),
         ..program(folder.path(), "slow", "exec sleep 30")

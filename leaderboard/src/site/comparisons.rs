@@ -198,7 +198,7 @@ pub(crate) fn check_size(path: &Path, half: [u32; 2]) -> Result<Result<(), Strin
     };
     let is_png = head.starts_with(b"\x89PNG\r\n\x1a\n") && head.get(12..16) == Some(b"IHDR");
     let (Some(width), Some(height), true) = (number(16), number(20), is_png) else {
-        return Ok(Err("is no PNG image".to_owned()));
+        return Ok(Err("is not a PNG image".to_owned()));
     };
     let wide = 2 * u64::from(half[0]) + u64::from(SEPARATOR);
     let expected = [wide, u64::from(half[1])];

@@ -193,7 +193,7 @@ fn the_pages_say_what_the_results_say() {
         street.contains("2 of 3 views"),
         "no more than asked for, and it says so"
     );
-    assert!(street.contains("novel-000019: is no PNG image"));
+    assert!(street.contains("novel-000019: is not a PNG image"));
     assert!(street.contains("novel views were not scored: no predictions given"));
     let images = fs::read_dir(scenes.iter().find(|path| path.is_dir()).unwrap()).unwrap();
     assert_eq!(images.count(), 4, "two views of two methods");

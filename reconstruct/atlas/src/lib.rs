@@ -56,7 +56,7 @@ use self::{
     node::{FieldKind, LearntOffsets, Node, Surface},
     plan::Plan,
     pose_evidence::agreement,
-    published::Published,
+    published::PublishedParts,
     settings::{FieldSize, Settings},
 };
 use omnilife_training::{
@@ -295,7 +295,7 @@ fn settings_of(request: &MethodRequest) -> Settings {
     settings.base_fields = size(&BASE_FIELDS).unwrap_or(settings.base_fields);
     settings.motion_fields = size(&MOTION_FIELDS).unwrap_or(settings.motion_fields);
     let is_published = |option: &MethodOption| request.options.word(option) == Some("published");
-    settings.published = Published {
+    settings.published = PublishedParts {
         mask_loss: is_published(&MASK_LOSS),
         gradients: is_published(&GRADIENTS),
         schedule: is_published(&SCHEDULE),

@@ -24,7 +24,7 @@ const MOST_BY_TRANSMITTANCE: f64 = 1e3;
 
 /// Parts that follow the published code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct Published {
+pub struct PublishedParts {
     /// The mask loss.
     pub mask_loss: bool,
     /// Gradients by planes.

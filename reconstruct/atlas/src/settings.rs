@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     node::FieldKind,
-    published::{EPOCHS, MASK_WEIGHT, Plateau, Published},
+    published::{EPOCHS, MASK_WEIGHT, Plateau, PublishedParts},
     shade::Detail,
     step::StepRates,
 };
@@ -35,7 +35,7 @@ pub struct Settings {
     /// Weight of the mask loss; 0 leaves it out.
     pub mask_weight: f64,
     /// Parts that follow the published code. Its schedule replaces the three rates above.
-    pub published: Published,
+    pub published: PublishedParts,
     /// True if flow and view fields start coarse.
     pub coarse_to_fine: bool,
     /// Shares of the run at which colour and opacity start beside the poses, and at which flow and view start.
@@ -119,7 +119,7 @@ impl Settings {
                 end: 1e-4,
             },
             mask_weight: 10.0 * MASK_WEIGHT,
-            published: Published::default(),
+            published: PublishedParts::default(),
             coarse_to_fine: true,
             phases: [5.0 / EPOCHS, 20.0 / EPOCHS],
             seed,

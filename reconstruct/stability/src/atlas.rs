@@ -17,7 +17,7 @@ use omnilife_engine::{
 use self::clips::{clip_on, units};
 use crate::{
     largest_or_nan,
-    special::{HostOnly, Judgement, Runs, SpecialCase},
+    special::{CaseResult, HostOnly, Runs, SpecialCase},
 };
 use omnilife_atlas::shade::let_inwards;
 
@@ -198,8 +198,8 @@ pub(super) const CASES: &[SpecialCase] = &[
 ];
 
 /// Judges a case: it passes if its function finds no fault.
-fn judge(action: &str, find: impl FnOnce() -> Result<(), String>) -> Judgement {
-    Judgement {
+fn judge(action: &str, find: impl FnOnce() -> Result<(), String>) -> CaseResult {
+    CaseResult {
         action: action.to_owned(),
         fault: find().err(),
         measured: None,
@@ -207,10 +207,10 @@ fn judge(action: &str, find: impl FnOnce() -> Result<(), String>) -> Judgement {
 }
 
 /// Judges a case by the error that its function finds.
-fn judge_error(action: &str, limit: f64, find: impl FnOnce() -> Result<f64, String>) -> Judgement {
+fn judge_error(action: &str, limit: f64, find: impl FnOnce() -> Result<f64, String>) -> CaseResult {
     match find() {
-        Ok(error) => Judgement::of_errors(action, Some([error, limit]), None),
-        Err(reason) => Judgement::failed(reason),
+        Ok(error) => CaseResult::of_errors(action, Some([error, limit]), None),
+        Err(reason) => CaseResult::failed(reason),
     }
 }
 

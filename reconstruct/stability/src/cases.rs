@@ -8,7 +8,7 @@ use crate::{
         shifted_out, sized,
     },
     in_time,
-    parameterizations::InTime,
+    parameterizations::TimeDependence,
     setup::{Setup, mild},
 };
 use omnilife_engine::render::settings::Footprint;
@@ -23,7 +23,7 @@ pub struct Case {
     /// Handling in the code, in words; empty where none is needed.
     pub action: &'static str,
     /// Parameterizations of the case.
-    pub about: &'static [InTime],
+    pub about: &'static [TimeDependence],
     /// Setup of the case.
     pub setup: fn() -> Setup,
     /// Expected result.
@@ -81,7 +81,11 @@ pub(super) const PLAIN: Case = Case {
     id: "",
     title: "",
     action: "",
-    about: &[InTime::Still, InTime::Deformed, InTime::Moving],
+    about: &[
+        TimeDependence::Still,
+        TimeDependence::Deformed,
+        TimeDependence::Moving,
+    ],
     setup: || Setup::new(mild()),
     expectation: Expectation::Agrees,
     limits: PLAIN_LIMITS,
@@ -302,7 +306,7 @@ const CASES: &[Case] = &[
         action: "left out",
         setup: at_the_camera,
         // A network would move it away.
-        about: &[InTime::Still, InTime::Moving],
+        about: &[TimeDependence::Still, TimeDependence::Moving],
         expectation: Expectation::LeavesOut { degenerate: 1 },
         limits: PLAIN_LIMITS,
     },

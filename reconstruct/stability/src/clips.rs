@@ -7,7 +7,7 @@ use omnilife_schemas::{
 
 use crate::{
     devices::DeviceKind,
-    special::{HostOnly, Judgement, Runs, SpecialCase},
+    special::{CaseResult, HostOnly, Runs, SpecialCase},
 };
 use omnilife_engine::{camera::View, model::Part, training_view::TrainingView};
 use omnilife_methods::omni4dgs_plus;
@@ -133,9 +133,14 @@ fn darkened(mut scene: TrainingScene) -> TrainingScene {
 
 /// Trains a clip with all components; the error is the mean difference of the images of all views, over their mean
 /// level.
-fn learn(kind: DeviceKind, scene: Option<TrainingScene>, iterations: u64, limit: f64) -> Judgement {
+fn learn(
+    kind: DeviceKind,
+    scene: Option<TrainingScene>,
+    iterations: u64,
+    limit: f64,
+) -> CaseResult {
     let Some(scene) = scene else {
-        return Judgement::failed("the scene has a camera without a place");
+        return CaseResult::failed("the scene has a camera without a place");
     };
     let request = MethodRequest {
         plan: PlanChoice::Full,
@@ -145,13 +150,13 @@ fn learn(kind: DeviceKind, scene: Option<TrainingScene>, iterations: u64, limit:
     let session = session(kind);
     let mut outcome = match omni4dgs_plus::METHOD.train(&scene, &request, &session) {
         Ok(outcome) => outcome,
-        Err(error) => return Judgement::failed(error),
+        Err(error) => return CaseResult::failed(error),
     };
     let (mut off, mut level) = (0.0, 0.0);
     for view in &scene.input_views {
         let image = match outcome.learner.image(&view.view) {
             Ok(image) => image,
-            Err(error) => return Judgement::failed(error),
+            Err(error) => return CaseResult::failed(error),
         };
         for (&found, &byte) in image.data.iter().zip(&view.pixels) {
             let expected = f64::from(byte) / 255.0;
@@ -161,13 +166,13 @@ fn learn(kind: DeviceKind, scene: Option<TrainingScene>, iterations: u64, limit:
     }
     fault_in(outcome).map_or_else(
         || {
-            Judgement::of_errors(
+            CaseResult::of_errors(
                 "the images of all views, relative to their mean level",
                 Some([off / level, limit]),
                 None,
             )
         },
-        Judgement::failed,
+        CaseResult::failed,
     )
 }
 
@@ -175,9 +180,9 @@ fn learn(kind: DeviceKind, scene: Option<TrainingScene>, iterations: u64, limit:
 const LEARNT: f64 = 0.5;
 
 /// Trains with all components for thousands of steps: errors that grow slowly show only then.
-fn train_long() -> Judgement {
+fn train_long() -> CaseResult {
     let Some(scene) = scene() else {
-        return Judgement::failed("the scene has a camera without a place");
+        return CaseResult::failed("the scene has a camera without a place");
     };
     let request = MethodRequest {
         plan: PlanChoice::Full,
@@ -189,7 +194,7 @@ fn train_long() -> Judgement {
     let trained = omni4dgs_plus::METHOD.train(&scene, &request, &session);
     let outcome = match trained {
         Ok(outcome) => outcome,
-        Err(error) => return Judgement::failed(error),
+        Err(error) => return CaseResult::failed(error),
     };
     let trace = outcome.training.state.trace.iter();
     let losses: Vec<f64> = trace.filter_map(|row| row.train_loss).collect();
@@ -202,15 +207,15 @@ fn train_long() -> Judgement {
         omni4dgs_plus::METHOD.id
     );
     fault_in(outcome).map_or_else(
-        || Judgement::of_errors(&action, Some([learnt, LEARNT]), None),
-        Judgement::failed,
+        || CaseResult::of_errors(&action, Some([learnt, LEARNT]), None),
+        CaseResult::failed,
     )
 }
 
 /// Trains every method, with all components, and on the CPU with those of its plan too.
-fn train_all(kind: DeviceKind, change: impl Fn(&mut TrainingScene)) -> Judgement {
+fn train_all(kind: DeviceKind, change: impl Fn(&mut TrainingScene)) -> CaseResult {
     let Some(mut scene) = scene() else {
-        return Judgement::failed("the scene has a camera without a place");
+        return CaseResult::failed("the scene has a camera without a place");
     };
     change(&mut scene);
     // Kernels are compiled for each training: on a GPU the whole plan has to do.
@@ -226,7 +231,7 @@ fn train_all(kind: DeviceKind, change: impl Fn(&mut TrainingScene)) -> Judgement
         })
         .collect();
     let ids: Vec<&str> = methods_of_time(kind).map(|method| method.id).collect();
-    Judgement {
+    CaseResult {
         action: format!(
             "{} trained for {ITERATIONS} steps each{of_plans}: losses and parameters finite, no gradient \
              refused, lifespans within bounds",

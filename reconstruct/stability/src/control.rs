@@ -23,7 +23,7 @@ use crate::{
     clips,
     devices::Device,
     largest_or_nan,
-    special::{HostOnly, Judgement, Runs, SpecialCase},
+    special::{CaseResult, HostOnly, Runs, SpecialCase},
 };
 
 pub(super) const CASES: &[SpecialCase] = &[
@@ -71,7 +71,7 @@ const SHRINK: f64 = 1.6;
 
 /// Compares the second moments of the children's places with the covariance of their parent, and their sizes with
 /// its own.
-fn split() -> Judgement {
+fn split() -> CaseResult {
     let scale = [0.8_f32, 0.3, 0.05];
     let rotation = Quat::from_scaled_axis(Vec3::new(0.4, -0.9, 0.3));
     let mut initial = InitialGaussians::default();
@@ -102,7 +102,7 @@ fn split() -> Judgement {
     let done = densify(&mut model, &settings, 600, &context, &mut random);
     let table = &model.parts[0].table;
     if (done.split, table.len()) != (SPLITS, 2 * SPLITS) {
-        return Judgement::failed(format!("{} children of {} splits", table.len(), done.split));
+        return CaseResult::failed(format!("{} children of {} splits", table.len(), done.split));
     }
     let back = Mat3::from_quat(rotation).transpose();
     let (mut squares, mut sizes) = ([0.0; 3], 0.0_f64);
@@ -119,7 +119,7 @@ fn split() -> Judgement {
     }
     let spread = squares.map(|square: f64| (square - 1.0).abs());
     let spread = spread.into_iter().fold(0.0, largest_or_nan);
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "sizes as the value, second moments of places (by chance 2 %) as the gradient",
         Some([sizes, 1e-5]),
         Some([spread, 0.1]),
@@ -127,7 +127,7 @@ fn split() -> Judgement {
 }
 
 /// Compares opacities after a reset with the smaller of their own and a hundredth.
-fn reset(device: &Device) -> Judgement {
+fn reset(device: &Device) -> CaseResult {
     let opacities = [1e-6_f32, 1e-3, 0.0099, 0.0101, 0.5, 0.999_99];
     let mut initial = InitialGaussians::default();
     for opacity in opacities {
@@ -135,7 +135,7 @@ fn reset(device: &Device) -> Judgement {
     }
     let model = match device.reset_opacities(Model::of_static(table(&initial, 0))) {
         Ok(model) => model,
-        Err(error) => return Judgement::failed(error),
+        Err(error) => return CaseResult::failed(error),
     };
     let logits = &model.parts[0].table.arrays[OPACITY_LOGITS].values;
     let errors = logits.iter().zip(opacities).map(|(&logit, before)| {
@@ -144,7 +144,7 @@ fn reset(device: &Device) -> Judgement {
         (found / expected - 1.0).abs()
     });
     let error = errors.fold(0.0, largest_or_nan);
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "a hundredth at most, lower ones stay",
         Some([error, 1e-5]),
         None,
@@ -152,7 +152,7 @@ fn reset(device: &Device) -> Judgement {
 }
 
 /// Compares sizes with the root mean square of the distances of the three nearest neighbours.
-fn sizes_of_points() -> Judgement {
+fn sizes_of_points() -> CaseResult {
     let mut worst = 0.0_f64;
     for unit in [1e-6_f32, 1.0, 1e6] {
         let positions: Vec<[f32; 3]> = (0..60)
@@ -180,17 +180,17 @@ fn sizes_of_points() -> Judgement {
             worst = largest_or_nan(worst, (f64::from(scale[0]) / expected - 1.0).abs());
         }
     }
-    Judgement::of_errors("from the three nearest points", Some([worst, 1e-5]), None)
+    CaseResult::of_errors("from the three nearest points", Some([worst, 1e-5]), None)
 }
 
 /// Compares velocities of seeds with that of the disc at their distance, across the line of sight.
-fn velocities_of_seeds() -> Judgement {
+fn velocities_of_seeds() -> CaseResult {
     let scene = clips::scene_of(clips::FRAMES);
     let Some((scene, clock)) = scene.and_then(|scene| {
         let clock = scene.clock().ok()?;
         Some((scene, clock))
     }) else {
-        return Judgement::failed("the scene has no clock".to_owned());
+        return CaseResult::failed("the scene has no clock".to_owned());
     };
     let seeds = mask_seeds(
         &scene,
@@ -229,9 +229,9 @@ fn velocities_of_seeds() -> Judgement {
         }
     }
     if compared == 0 {
-        return Judgement::failed("no seed lies on the disc".to_owned());
+        return CaseResult::failed("no seed lies on the disc".to_owned());
     }
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "by the middles of masks, whose pixels are half as wide as the disc's way",
         Some([worst, 0.5]),
         None,
@@ -239,7 +239,7 @@ fn velocities_of_seeds() -> Judgement {
 }
 
 /// Compares estimated gains with known ones; every fifth place shows something else.
-fn gains() -> Judgement {
+fn gains() -> CaseResult {
     let known = [0.5_f32, 0.7, 1.0, 2.0, 4.0];
     let view = |(number, gain): (usize, f32)| {
         let pair = |place: usize| {
@@ -255,7 +255,7 @@ fn gains() -> Judgement {
     };
     let views: Vec<_> = known.into_iter().enumerate().map(view).collect();
     let Some(exposure) = Exposure::estimate(&views) else {
-        return Judgement::failed("no gain was found".to_owned());
+        return CaseResult::failed("no gain was found".to_owned());
     };
     let mut worst = 0.0_f64;
     for (number, gain) in known.into_iter().enumerate() {
@@ -263,11 +263,11 @@ fn gains() -> Judgement {
             worst = largest_or_nan(worst, f64::from((found / gain - 1.0).abs()));
         }
     }
-    Judgement::of_errors("the medians of ratios", Some([worst, 1e-5]), None)
+    CaseResult::of_errors("the medians of ratios", Some([worst, 1e-5]), None)
 }
 
 /// Lets one of four views go down a valley: it ends where the bottom is, against the others.
-fn pose_steps() -> Judgement {
+fn pose_steps() -> CaseResult {
     let mut poses = PoseCorrections::new(vec![0.0, 1.0, 2.0, 3.0]);
     // The means of all corrections are 0.
     let wanted = DVec3::new(0.02, -0.05, 0.03);
@@ -289,7 +289,7 @@ fn pose_steps() -> Judgement {
         off(own.rotation).max(off(own.centre))
     });
     let error = errors.fold(0.0, largest_or_nan);
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "each view ends at the bottom of its own valley",
         Some([error, 0.05]),
         None,

@@ -7,9 +7,9 @@ use omnilife_engine::{
 };
 use omnilife_schemas::{camera::ErpCamera, distances::DistanceImage};
 
-use super::special::{HostOnly, Judgement, Runs, SpecialCase};
+use super::special::{CaseResult, HostOnly, Runs, SpecialCase};
 use omnilife_training::seeds::depth::{
-    DistanceView, LiftSettings, Lifted, fit_scales, incidence, lift, lift::z_onto,
+    DistanceView, LiftSettings, SurfaceSamples, fit_scales, incidence, lift, lift::z_onto,
 };
 
 pub(super) const CASES: &[SpecialCase] = &[
@@ -87,7 +87,7 @@ fn cube(half: f32) -> DistanceImage {
     })
 }
 
-fn lifted(view: &View, distances: &DistanceImage) -> Lifted {
+fn lifted(view: &View, distances: &DistanceImage) -> SurfaceSamples {
     let pixels = vec![128; 3 * SIZE[0] * SIZE[1]];
     let given = DistanceView {
         view,
@@ -101,8 +101,8 @@ fn lifted(view: &View, distances: &DistanceImage) -> Lifted {
 }
 
 /// Returns a judgement that passes without a fault.
-fn judged(action: impl Into<String>, fault: Option<String>) -> Judgement {
-    Judgement {
+fn judged(action: impl Into<String>, fault: Option<String>) -> CaseResult {
+    CaseResult {
         action: action.into(),
         fault,
         measured: None,
@@ -110,7 +110,7 @@ fn judged(action: impl Into<String>, fault: Option<String>) -> Judgement {
 }
 
 /// Returns the fault of samples, if they have one.
-fn fault_of(lifted: &Lifted) -> Option<String> {
+fn fault_of(lifted: &SurfaceSamples) -> Option<String> {
     let gaussians = &lifted.gaussians;
     let is_size = |scale: &f32| *scale > 0.0 && scale.is_finite();
     if !gaussians.scales.as_flattened().iter().all(is_size) {
@@ -128,7 +128,7 @@ fn fault_of(lifted: &Lifted) -> Option<String> {
         .then(|| "a rotation is not a unit quaternion".to_owned())
 }
 
-fn lifted_distances() -> Judgement {
+fn lifted_distances() -> CaseResult {
     let view = view(Vec3::ZERO);
     let cases = [
         ("unknown", image(|_, _| 0.0)),
@@ -158,7 +158,7 @@ fn lifted_distances() -> Judgement {
     judged("finite samples, or none", fault)
 }
 
-fn lifted_scene_size() -> Judgement {
+fn lifted_scene_size() -> CaseResult {
     let reference = lifted(&view(Vec3::ZERO), &cube(1.0));
     let (mut radii, mut turns) = (0.0_f32, 0.0_f32);
     for size in [1e-6, 1e6] {
@@ -169,20 +169,20 @@ fn lifted_scene_size() -> Judgement {
         let normals = found.normals.iter().zip(&reference.normals);
         turns = normals.map(|(a, b)| a.distance(*b)).fold(turns, f32::max);
         if found.len() != reference.len() {
-            return Judgement::failed(format!("{} samples at {size:e}", found.len()));
+            return CaseResult::failed(format!("{} samples at {size:e}", found.len()));
         }
     }
     if let Some(fault) = fault_of(&lifted(&view(Vec3::splat(1e6)), &cube(1.0))) {
-        return Judgement::failed(format!("far away: {fault}"));
+        return CaseResult::failed(format!("far away: {fault}"));
     }
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "the same samples, larger or smaller: radii as the value, normals as the gradient",
         Some([f64::from(radii), 1e-4]),
         Some([f64::from(turns), 1e-2]),
     )
 }
 
-fn rotations() -> Judgement {
+fn rotations() -> CaseResult {
     let mut worst = 0.0_f32;
     for normal in [
         Vec3::X,
@@ -198,14 +198,14 @@ fn rotations() -> Judgement {
         let turned = glam::Quat::from_xyzw(x, y, z, w) * Vec3::Z;
         worst = worst.max(turned.distance(normal));
     }
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "the third axis on the normal",
         Some([f64::from(worst), 2e-3]),
         None,
     )
 }
 
-fn depth_scales() -> Judgement {
+fn depth_scales() -> CaseResult {
     let (near, far) = (view(Vec3::ZERO), view(Vec3::splat(1e4)));
     let (distances, large) = (cube(1.0), cube(10.0));
     let pixels = vec![128; 3 * SIZE[0] * SIZE[1]];
@@ -241,7 +241,7 @@ fn depth_scales() -> Judgement {
     judged("groups of their own", fault)
 }
 
-fn scaffold_field() -> Judgement {
+fn scaffold_field() -> CaseResult {
     let (view, distances) = (view(Vec3::ZERO), cube(1.0));
     let pixels = vec![128; 3 * SIZE[0] * SIZE[1]];
     let given = DistanceView {
@@ -288,9 +288,9 @@ fn scaffold_field() -> Judgement {
         ));
     }
     if !faults.is_empty() {
-        return Judgement::failed(faults.join("; "));
+        return CaseResult::failed(faults.join("; "));
     }
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "distances and their gradient; no value where no surface is near",
         Some([f64::from(off), 0.05]),
         Some([f64::from(tilt), 0.3]),

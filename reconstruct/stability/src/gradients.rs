@@ -27,7 +27,7 @@ use omnilife_engine::{
 use crate::{
     devices::Device,
     largest_or_nan,
-    special::{HostOnly, Judgement, Runs, SpecialCase},
+    special::{CaseResult, HostOnly, Runs, SpecialCase},
 };
 
 /// Limit of gradients computed in f64: ten times the error of five-point differences.
@@ -131,15 +131,15 @@ fn relative_error(pairs: &[[f64; 2]]) -> f64 {
     errors.fold(0.0, largest_or_nan) / largest.max(f64::MIN_POSITIVE)
 }
 
-fn judged(error: f64, limit: f64) -> Judgement {
-    Judgement::of_errors(
+fn judged(error: f64, limit: f64) -> CaseResult {
+    CaseResult::of_errors(
         "compared with differences in f64",
         None,
         Some([error, limit]),
     )
 }
 
-fn plane_gradients(turn: f64, limit: f64) -> Judgement {
+fn plane_gradients(turn: f64, limit: f64) -> CaseResult {
     let ray = Ray {
         origin: DVec3::new(0.02, -0.05, 0.1),
         direction: DVec3::Z,
@@ -156,7 +156,7 @@ fn plane_gradients(turn: f64, limit: f64) -> Judgement {
         })
     };
     let Some(hit) = plane::hit(&ray, &pose, size) else {
-        return Judgement::failed("the plane is missed".to_owned());
+        return CaseResult::failed("the plane is missed".to_owned());
     };
     let gradient = plane::hit_vjp(&ray, &pose, size, &hit, by_uv, by_direction);
     let by_pose = gradient.pose();
@@ -192,7 +192,7 @@ fn plane_gradients(turn: f64, limit: f64) -> Judgement {
     judged(relative_error(&pairs), limit)
 }
 
-fn sphere_gradients() -> Judgement {
+fn sphere_gradients() -> CaseResult {
     let sphere = Sphere {
         centre: DVec3::new(0.1, 0.2, -0.1),
         radius: 3.0,
@@ -205,7 +205,7 @@ fn sphere_gradients() -> Judgement {
             direction: direction.normalize(),
         };
         let Some(hit) = sphere::hit(&ray, &sphere) else {
-            return Judgement::failed("the sphere is missed".to_owned());
+            return CaseResult::failed("the sphere is missed".to_owned());
         };
         let gradient = sphere::hit_vjp(&ray, &sphere, &hit, by_normal);
         let value =
@@ -228,7 +228,7 @@ fn sphere_gradients() -> Judgement {
     judged(relative_error(&pairs), EXACT)
 }
 
-fn angle_gradients() -> Judgement {
+fn angle_gradients() -> CaseResult {
     let by_angle = DVec2::new(0.6, -0.8);
     let errors = [1e-3, 0.3, 1.5, 3.0].map(|angle: f64| {
         let direction = DVec3::new(0.6 * angle.sin(), 0.8 * angle.sin(), angle.cos());
@@ -242,7 +242,7 @@ fn angle_gradients() -> Judgement {
     judged(errors.into_iter().fold(0.0, largest_or_nan), 1e-7)
 }
 
-fn layer_gradients() -> Judgement {
+fn layer_gradients() -> CaseResult {
     let upstream = DVec3::new(0.3, -0.5, 0.8);
     let layers: Vec<Layer> = [0.4, 0.0, 0.7, 1.0 - 1e-7, 1.0, 0.2]
         .into_iter()
@@ -275,7 +275,7 @@ fn layer_gradients() -> Judgement {
     judged(relative_error(&pairs), 1e-14)
 }
 
-fn spline_gradients(turn: f64) -> Judgement {
+fn spline_gradients(turn: f64) -> CaseResult {
     let knots = Knots::with_neighbours(4);
     let vectors: Vec<DVec3> = (0..knots.count)
         .map(|knot| {
@@ -328,7 +328,7 @@ fn corners(level: &Level, position: [f64; 2]) -> [(usize, f64); 4] {
     })
 }
 
-fn hash_gradients() -> Judgement {
+fn hash_gradients() -> CaseResult {
     let grid = HashGrid::new(HashGridShape::new(2, 6, 9));
     let table: Vec<f32> = (0..grid.parameter_count())
         .map(|at| (0.37 * at as f32).sin())
@@ -389,7 +389,7 @@ fn hash_gradients() -> Judgement {
     judged(by_table.max(relative_error(&pairs)), 1e-4)
 }
 
-fn dropout_gradients(device: &Device) -> Judgement {
+fn dropout_gradients(device: &Device) -> CaseResult {
     const COUNT: usize = 5_000;
     let dropout = Dropout {
         last_share: 0.99,
@@ -406,7 +406,7 @@ fn dropout_gradients(device: &Device) -> Judgement {
     gradient.opacities.clone_from(&upstream);
     let drawn = match device.drop_out(dropout, 100, [&mut gaussians, &mut gradient]) {
         Ok(drawn) => drawn,
-        Err(error) => return Judgement::failed(error),
+        Err(error) => return CaseResult::failed(error),
     };
     // The drawn opacity is proportional to the stored one.
     let pairs: Vec<[f64; 2]> = (0..COUNT)
@@ -424,7 +424,7 @@ fn dropout_gradients(device: &Device) -> Judgement {
         .filter(|(drawn, _)| **drawn > 0.0)
         .map(|(_, (before, after))| f64::from((before - after).abs()))
         .fold(0.0, largest_or_nan);
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "the gradient is that by the opacities before, which come back",
         Some([restored, device.limit(1e-6)]),
         Some([relative_error(&pairs), device.limit(1e-6)]),

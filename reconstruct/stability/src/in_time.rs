@@ -4,14 +4,14 @@ use glam::dvec3;
 
 use crate::{
     cases::{Case, Expectation, PLAIN},
-    parameterizations::InTime,
+    parameterizations::TimeDependence,
     setup::{Motion, RawGaussian, Setup, TIME_SECONDS, Timing, mild},
 };
 use omnilife_engine::clock::Clock;
 
 /// Case of peak times, lifespans and velocities.
 const OF_MOTION: Case = Case {
-    about: &[InTime::Moving],
+    about: &[TimeDependence::Moving],
     ..PLAIN
 };
 
@@ -86,7 +86,7 @@ pub(super) const CASES: &[Case] = &[
         id: "clip-10000",
         title: "near the last frame of 10,000, eleven days into the recording",
         action: "differences of times in f64, then rounded to f32",
-        about: &[InTime::Deformed, InTime::Moving],
+        about: &[TimeDependence::Deformed, TimeDependence::Moving],
         setup: last_frame,
         ..PLAIN
     },

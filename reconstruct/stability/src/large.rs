@@ -10,7 +10,7 @@ use omnilife_schemas::camera::ErpCamera;
 use crate::{
     channels::{self, Shape},
     devices::Device,
-    special::{Judgement, Runs, SpecialCase},
+    special::{CaseResult, Runs, SpecialCase},
 };
 
 pub(super) const CASES: &[SpecialCase] = &[SpecialCase {
@@ -65,7 +65,7 @@ fn along(gaussians: &[Gaussian], gradient: &ActivatedGaussians) -> f64 {
     sum
 }
 
-fn judge(device: &Device) -> Judgement {
+fn judge(device: &Device) -> CaseResult {
     let (mut view, gaussians) = channels::setup_of(shapes());
     let camera = ErpCamera {
         width: 4096,
@@ -78,7 +78,7 @@ fn judge(device: &Device) -> Judgement {
     let weighted: [&[f32]; 2] = [&weights, &[]];
     let made = match device.round_trip_activated(&drawn, view.settings, &instant, weighted) {
         Ok(made) => made,
-        Err(error) => return Judgement::failed(error),
+        Err(error) => return CaseResult::failed(error),
     };
     let (expected, decisions) = reference::render(&view, &gaussians, None);
     let differences = made.colour.iter().zip(&expected.colour);
@@ -93,7 +93,7 @@ fn judge(device: &Device) -> Judgement {
     };
     let by_direction = (loss(1e-5) - loss(-1e-5)) / 2e-5;
     let error = (along(&gaussians, &made.gradient) / by_direction - 1.0).abs();
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "the mean of the image, and the derivative along one direction, against f64",
         Some([image, device.limit(LIMITS[0])]),
         Some([error, device.limit(LIMITS[1])]),

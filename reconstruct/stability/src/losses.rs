@@ -14,7 +14,7 @@ use crate::{
     Limits,
     devices::{Device, DeviceKind},
     largest_or_nan,
-    special::{HostOnly, Judgement, Runs, SpecialCase},
+    special::{CaseResult, HostOnly, Runs, SpecialCase},
 };
 
 /// Size with rows that end inside of a vector and of a strip.
@@ -142,7 +142,7 @@ fn light_mask() -> Images {
 }
 
 /// Judges errors of the value, absolute, and of the gradient, relative to its largest value.
-fn judge(device: &Device, images: &Images, limits: Limits) -> Judgement {
+fn judge(device: &Device, images: &Images, limits: Limits) -> CaseResult {
     let [width, height] = SIZE;
     let Images {
         render,
@@ -164,7 +164,7 @@ fn judge(device: &Device, images: &Images, limits: Limits) -> Judgement {
                 };
                 ((value, widen(&gradient)), limits)
             }
-            Err(error) => return Judgement::failed(error),
+            Err(error) => return CaseResult::failed(error),
         },
     };
     let pair = ReferencePair {
@@ -185,7 +185,7 @@ fn compared(
     (value, gradient): &(f64, Vec<f64>),
     (expected, by_input): &(f64, Vec<f64>),
     limits: Limits,
-) -> Judgement {
+) -> CaseResult {
     let largest = by_input.iter().map(|g| g.abs()).fold(0.0, largest_or_nan);
     let errors = gradient
         .iter()
@@ -213,7 +213,7 @@ fn compared(
         )),
         _ => None,
     };
-    Judgement {
+    CaseResult {
         action: "the loss and its gradient, against f64".to_owned(),
         fault,
         measured: Some(measures),

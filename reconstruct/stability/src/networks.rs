@@ -18,7 +18,7 @@ use crate::{
     largest_or_nan,
     parameterizations::DEFORMABLE,
     setup::{Setup, mild},
-    special::{HostOnly, Judgement, Runs, SpecialCase},
+    special::{CaseResult, HostOnly, Runs, SpecialCase},
 };
 
 pub(super) const CASES: &[SpecialCase] = &[
@@ -37,7 +37,7 @@ pub(super) const CASES: &[SpecialCase] = &[
 ];
 
 /// Checks that one bad Gaussian does not reach the weights that all Gaussians share.
-fn network_weights(device: &Device) -> Judgement {
+fn network_weights(device: &Device) -> CaseResult {
     let mut setup = Setup::new(mild());
     let good = setup.gaussians.len();
     for number in 0..4 {
@@ -67,18 +67,18 @@ fn network_weights(device: &Device) -> Judgement {
     let found = weights(&setup, &[good, good + 1, good + 2, good + 3]);
     let (expected, found) = match (expected, found) {
         (Ok(expected), Ok(found)) => (expected, found),
-        (Err(error), _) | (_, Err(error)) => return Judgement::failed(error),
+        (Err(error), _) | (_, Err(error)) => return CaseResult::failed(error),
     };
     let [Some(expected), Some(found)] = [expected, found] else {
-        return Judgement::failed("the weights have no gradient at all");
+        return CaseResult::failed("the weights have no gradient at all");
     };
     let largest = expected.iter().fold(0.0_f32, |most, by| most.max(by.abs()));
     if largest == 0.0 {
-        return Judgement::failed("the weights have no gradient at all");
+        return CaseResult::failed("the weights have no gradient at all");
     }
     let errors = found.iter().zip(&expected);
     let errors = errors.map(|(found, expected)| f64::from((found - expected).abs() / largest));
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "such a Gaussian takes no part in the gradient by the weights",
         None,
         Some([errors.fold(0.0, largest_or_nan), device.limit(1e-7)]),
@@ -91,7 +91,7 @@ const PUBLISHED_LIMIT: f64 = 3e-5;
 const ROWS: usize = 40;
 
 /// Compares outputs with f64, and the derivative along one direction of all weights with a central difference.
-fn published_network() -> Judgement {
+fn published_network() -> CaseResult {
     let model = DeformationModel::published(1.0);
     let shape = model.network();
     let mut random = Pcg64Mcg::seed_from_u64(12);
@@ -176,7 +176,7 @@ fn published_network() -> Judgement {
     let worst = worst.into_iter().flatten().fold(0.0, largest_or_nan);
     // In this form NaN is a fault.
     let is_right = measures.is_finite && worst <= PUBLISHED_LIMIT;
-    Judgement {
+    CaseResult {
         action: "outputs and the derivative along one direction of all weights, against f64"
             .to_owned(),
         fault: (!is_right).then(|| {

@@ -20,7 +20,7 @@ use omnilife_training::error::ReconstructError;
 
 use crate::{
     devices::Device,
-    special::{Judgement, Runs, SpecialCase},
+    special::{CaseResult, Runs, SpecialCase},
 };
 
 pub(super) const CASES: &[SpecialCase] = &[
@@ -28,31 +28,31 @@ pub(super) const CASES: &[SpecialCase] = &[
         id: "object-heading",
         title: "an object whose heading passes pi, and is given turns away",
         runs: Runs::OnBoth,
-        judge: |device| headings(device).unwrap_or_else(Judgement::failed),
+        judge: |device| headings(device).unwrap_or_else(CaseResult::failed),
     },
     SpecialCase {
         id: "object-box",
         title: "objects with boxes of 1e-6 and 1e6 of the scene",
         runs: Runs::OnBoth,
-        judge: |device| boxes(device).unwrap_or_else(Judgement::failed),
+        judge: |device| boxes(device).unwrap_or_else(CaseResult::failed),
     },
     SpecialCase {
         id: "object-absent",
         title: "objects before and after their paths, and one whose path has no length in time",
         runs: Runs::OnBoth,
-        judge: |device| absent(device).unwrap_or_else(Judgement::failed),
+        judge: |device| absent(device).unwrap_or_else(CaseResult::failed),
     },
     SpecialCase {
         id: "object-crowd",
         title: "500 objects in one place",
         runs: Runs::OnBoth,
-        judge: |device| crowd(device).unwrap_or_else(Judgement::failed),
+        judge: |device| crowd(device).unwrap_or_else(CaseResult::failed),
     },
     SpecialCase {
         id: "object-far",
         title: "a path 5e6 m from the origin, as UTM coordinates are",
         runs: Runs::OnBoth,
-        judge: |device| far(device).unwrap_or_else(Judgement::failed),
+        judge: |device| far(device).unwrap_or_else(CaseResult::failed),
     },
 ];
 
@@ -138,8 +138,8 @@ fn apart(one: &ActivatedGaussians, other: &ActivatedGaussians) -> f32 {
         .fold(0.0, f32::max)
 }
 
-fn judged(action: &str, fault: Option<String>) -> Judgement {
-    Judgement {
+fn judged(action: &str, fault: Option<String>) -> CaseResult {
+    CaseResult {
         action: action.to_owned(),
         fault,
         measured: None,
@@ -147,15 +147,15 @@ fn judged(action: &str, fault: Option<String>) -> Judgement {
 }
 
 /// Judges distances of Gaussians from where they should be.
-fn judged_by(action: &str, error: f64, is_finite: bool, limit: f64) -> Judgement {
+fn judged_by(action: &str, error: f64, is_finite: bool, limit: f64) -> CaseResult {
     if is_finite {
-        Judgement::of_errors(action, Some([error, limit]), None)
+        CaseResult::of_errors(action, Some([error, limit]), None)
     } else {
-        Judgement::failed("a gradient is not finite")
+        CaseResult::failed("a gradient is not finite")
     }
 }
 
-fn headings(device: &Device) -> Result<Judgement, ReconstructError> {
+fn headings(device: &Device) -> Result<CaseResult, ReconstructError> {
     use std::f64::consts::{PI, TAU};
     let at = |headings: [f64; 2], seconds: f64| {
         let path = path(DVec3::ZERO, 2.0, headings);
@@ -174,7 +174,7 @@ fn headings(device: &Device) -> Result<Judgement, ReconstructError> {
     ))
 }
 
-fn boxes(device: &Device) -> Result<Judgement, ReconstructError> {
+fn boxes(device: &Device) -> Result<CaseResult, ReconstructError> {
     let path = path(DVec3::ZERO, 2.0, [0.3, 0.3]);
     let of = |size: f32| activated(device, vec![object(1, size, &path, &AS_IS)], 0.0);
     let (reference, _) = of(1.0)?;
@@ -194,7 +194,7 @@ fn boxes(device: &Device) -> Result<Judgement, ReconstructError> {
     ))
 }
 
-fn absent(device: &Device) -> Result<Judgement, ReconstructError> {
+fn absent(device: &Device) -> Result<CaseResult, ReconstructError> {
     let long = path(DVec3::ZERO, 2.0, [0.0, 0.0]);
     let short = path(DVec3::ZERO, 0.0, [0.0, 0.0]);
     let mut faults = Vec::new();
@@ -219,7 +219,7 @@ fn absent(device: &Device) -> Result<Judgement, ReconstructError> {
     ))
 }
 
-fn crowd(device: &Device) -> Result<Judgement, ReconstructError> {
+fn crowd(device: &Device) -> Result<CaseResult, ReconstructError> {
     let path = path(DVec3::ZERO, 2.0, [0.0, 1.0]);
     let objects = (0..500)
         .map(|id| object(id, 1.0, &path, &AS_IS))
@@ -236,7 +236,7 @@ fn crowd(device: &Device) -> Result<Judgement, ReconstructError> {
     ))
 }
 
-fn far(device: &Device) -> Result<Judgement, ReconstructError> {
+fn far(device: &Device) -> Result<CaseResult, ReconstructError> {
     let offset = DVec3::new(691_000.0, 5_335_000.0, 520.0);
     let normalization = Similarity {
         offset: offset.to_array(),

@@ -8,7 +8,7 @@ use omnilife_schemas::records::StabilityMeasures;
 use crate::{
     channels::{self, Shape},
     devices::Device,
-    special::{Judgement, Runs, SpecialCase},
+    special::{CaseResult, Runs, SpecialCase},
 };
 
 /// Ten times the measured error, relative to a gradient's length.
@@ -78,7 +78,7 @@ fn moved(view: &RefView, rotation: DVec3, shift: DVec3) -> RefView {
 }
 
 /// Judges the gradient; `size` is about the distance of the Gaussians.
-fn judge(device: &Device, shapes: Vec<Shape>, size: f64) -> Judgement {
+fn judge(device: &Device, shapes: Vec<Shape>, size: f64) -> CaseResult {
     let (view, gaussians) = channels::setup_of(shapes);
     let pixels = view.camera.width() as usize * view.camera.height() as usize;
     let weights = Device::weights(3 * pixels);
@@ -87,7 +87,7 @@ fn judge(device: &Device, shapes: Vec<Shape>, size: f64) -> Judgement {
     let (drawn, instant) = (view.view(), instant(&gaussians));
     let found = match device.pose_gradient(&drawn, view.settings, &instant, &weights) {
         Ok(found) => found,
-        Err(error) => return Judgement::failed(error),
+        Err(error) => return CaseResult::failed(error),
     };
     let limit = device.limit(LIMIT);
     let error = |found: DVec3, expected: DVec3| (found - expected).length() / expected.length();
@@ -99,7 +99,7 @@ fn judge(device: &Device, shapes: Vec<Shape>, size: f64) -> Judgement {
     let is_finite = found.rotation.is_finite() && found.centre.is_finite();
     // NaN fails too.
     let agrees = errors.iter().all(|&error| error <= limit);
-    Judgement {
+    CaseResult {
         action: "turns and shifts, against differences in f64".to_owned(),
         fault: (!agrees).then(|| {
             format!(

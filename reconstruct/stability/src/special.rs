@@ -24,7 +24,7 @@ pub struct SpecialCase {
     pub title: &'static str,
     /// Devices that judge it.
     pub runs: Runs,
-    pub(super) judge: fn(&Device) -> Judgement,
+    pub(super) judge: fn(&Device) -> CaseResult,
 }
 
 /// Devices of a case.
@@ -71,15 +71,15 @@ impl HostOnly {
 }
 
 /// Result of a case.
-pub(super) struct Judgement {
+pub(super) struct CaseResult {
     pub(super) action: String,
     /// Fault of the case; `None` passes.
     pub(super) fault: Option<String>,
     pub(super) measured: Option<StabilityMeasures>,
 }
 
-impl Judgement {
-    /// Returns the judgement of a case that failed to run.
+impl CaseResult {
+    /// Returns the result of a case that failed to run.
     pub(super) fn failed(reason: impl ToString) -> Self {
         Self {
             action: String::new(),
@@ -205,7 +205,7 @@ fn image(value: impl Fn(usize) -> f32) -> Vec<f32> {
 }
 
 /// Checks that a loss that is not finite ends training with an error: nothing is learned from such an image.
-fn non_finite_pixels() -> Judgement {
+fn non_finite_pixels() -> CaseResult {
     let rendered = image(|index| (index % 7) as f32 / 7.0);
     let survivors = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY]
         .into_iter()
@@ -218,7 +218,7 @@ fn non_finite_pixels() -> Judgement {
                 .is_finite()
         })
         .count();
-    Judgement {
+    CaseResult {
         action: "refused: the loss is not finite, and training ends with the frame's name"
             .to_owned(),
         fault: (survivors > 0).then(|| format!("{survivors} of 3 kinds give a finite loss")),
@@ -227,7 +227,7 @@ fn non_finite_pixels() -> Judgement {
 }
 
 /// Checks that gradients that are not finite are not applied, and are counted.
-fn non_finite_gradient(device: &Device) -> Judgement {
+fn non_finite_gradient(device: &Device) -> CaseResult {
     let setup = Setup::new(mild());
     let camera = setup.view.camera;
     let values = camera.width() as usize * camera.height() as usize * 3;
@@ -240,7 +240,7 @@ fn non_finite_gradient(device: &Device) -> Judgement {
     let mut table: ParameterTable =
         match device.round_trip_with(&setup, parameterization, table, &weights) {
             Ok(made) => made.table,
-            Err(error) => return Judgement::failed(error),
+            Err(error) => return CaseResult::failed(error),
         };
     let all: usize = table.arrays.iter().map(|array| array.gradients.len()).sum();
     for array in &mut table.arrays {
@@ -248,14 +248,14 @@ fn non_finite_gradient(device: &Device) -> Judgement {
     }
     let refused = match device.adam_step(&mut table) {
         Ok(refused) => refused,
-        Err(error) => return Judgement::failed(error),
+        Err(error) => return CaseResult::failed(error),
     };
     let is_finite = table
         .arrays
         .iter()
         .flat_map(|array| array.values.iter().chain(&array.second_moments))
         .all(|value| value.is_finite());
-    Judgement {
+    CaseResult {
         action: format!(
             "refused {refused} of {all} gradient values; they are counted in the trace"
         ),
@@ -271,7 +271,7 @@ fn non_finite_gradient(device: &Device) -> Judgement {
 }
 
 /// Judges flat images, whose variance is zero; SSIM's constants bound the quotient.
-fn flat_images(device: &Device) -> Judgement {
+fn flat_images(device: &Device) -> CaseResult {
     let flat = image(|_| 0.5);
     let mut is_finite = true;
     let mut of_equal = [0.0_f64; 2];
@@ -280,7 +280,7 @@ fn flat_images(device: &Device) -> Judgement {
         let found = device.photometric_loss([SIDE; 2], [&flat, &target], 0.2);
         let (value, gradient) = match found {
             Ok(found) => found,
-            Err(error) => return Judgement::failed(error),
+            Err(error) => return CaseResult::failed(error),
         };
         is_finite &= value.is_finite() && gradient.iter().all(|g| g.is_finite());
         if is_equal {
@@ -289,19 +289,19 @@ fn flat_images(device: &Device) -> Judgement {
         }
     }
     if !is_finite {
-        return Judgement::failed("a loss or its gradient is not finite");
+        return CaseResult::failed("a loss or its gradient is not finite");
     }
     let [value, gradient] = of_equal.map(|error| Some([error, 1e-6]));
-    Judgement::of_errors("quotients held by SSIM's constants", value, gradient)
+    CaseResult::of_errors("quotients held by SSIM's constants", value, gradient)
 }
 
 /// Checks that Adam's step shrinks for a gradient of 1e-25, whose second moment is zero in f32.
-fn tiny_gradients(device: &Device) -> Judgement {
+fn tiny_gradients(device: &Device) -> CaseResult {
     let mut table = ParameterTable::new(3);
     table.add("values", 1, vec![1.0; 3], 0.01);
     table.arrays[0].gradients = vec![1e-25, -1e-30, 1e-40];
     if let Err(error) = device.adam_step(&mut table) {
-        return Judgement::failed(error);
+        return CaseResult::failed(error);
     }
     let array = &table.arrays[0];
     let largest = array
@@ -310,7 +310,7 @@ fn tiny_gradients(device: &Device) -> Judgement {
         .map(|value| (value - 1.0).abs())
         .fold(0.0, f32::max);
     let is_finite = array.values.iter().all(|value| value.is_finite());
-    Judgement {
+    CaseResult {
         action: "the second moment underflows and the step with it; f64 would take the full step"
             .to_owned(),
         fault: (!is_finite || largest > 0.01)

@@ -200,7 +200,7 @@ fn what_cannot_be_drawn_is_refused_and_leaves_nothing() {
             cube(&model, [32, 16]),
             "faces of a cube must be squares, got 32x16",
         ),
-        (cube(&cut, [8, 8]), "is no ZIP archive, or is cut off"),
+        (cube(&cut, [8, 8]), "is not a ZIP archive, or is cut off"),
         (of_a_run, "axes are those of a file"),
     ] {
         let message = render_poses(&request, &Silent).unwrap_err().to_string();

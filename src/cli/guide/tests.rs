@@ -13,7 +13,7 @@ fn every_command_has_examples_that_parse() {
     assert_eq!(examples, commands);
     for (of, lines) in &*EXAMPLES {
         for line in lines {
-            assert!(line.starts_with(of), "{line} is no example of {of}");
+            assert!(line.starts_with(of), "{line} must be an example of {of}");
             let line = line.split(" > ").next().unwrap_or(line);
             let line = line.replace("\"out of memory\"", "memory");
             let words = ["omnilife"].into_iter().chain(line.split(' '));

@@ -129,7 +129,7 @@ pub fn requeue() -> Result<String, SweepError> {
         Some(job) => cluster::requeue(&job).map(|()| job),
         None => Err(SweepError::Slurm {
             command: "scontrol requeue".to_owned(),
-            reason: "this process is no Slurm job".to_owned(),
+            reason: "this process is not a Slurm job".to_owned(),
         }),
     }
 }

@@ -351,7 +351,7 @@ fn coco_boxes_are_read_and_checked() {
             sound.replace("\"image_id\": 3", "\"image_id\": 4"),
             "not listed",
         ),
-        ("{}".to_owned(), "no COCO JSON"),
+        ("{}".to_owned(), "a COCO JSON"),
     ] {
         let message = make(&text).unwrap_err().to_string();
         assert!(
@@ -388,7 +388,7 @@ fn a_plan_says_what_tracks_would_and_writes_nothing() {
         Some((false, "the scene is in metres".to_owned()))
     );
     assert!(said("detector: files").contains(&tracks.stages[0].reason));
-    assert!(said("monocular-depth").starts_with("there are no estimates; "));
+    assert!(said("monocular-depth").starts_with("no depth prior; "));
     assert!(decision("trajectory-spline").is_some_and(|(used, _)| used));
     assert!(decision("appearance").is_some_and(|(used, _)| !used));
     assert_eq!(

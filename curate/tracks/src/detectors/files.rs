@@ -262,7 +262,7 @@ fn read_coco(
 ) -> Result<Vec<Detection>, TracksError> {
     let malformed = |reason: String| StoreError::malformed(path, reason);
     let coco: Coco = serde_json::from_str(text)
-        .map_err(|error| malformed(format!("is no COCO JSON of boxes: {error}")))?;
+        .map_err(|error| malformed(format!("must be a COCO JSON of boxes: {error}")))?;
     let scene = input.scene;
     let [width, height] = [scene.camera.width(), scene.camera.height()];
     let mut frames = BTreeMap::new();

@@ -9,7 +9,7 @@ use omnilife_schemas::{
 use super::samples::{SampleChoice, Samples, ScaleAgreement};
 use omnilife_training::{
     scene::TrainingScene,
-    seeds::depth::{Lifted, tolerance},
+    seeds::depth::{SurfaceSamples, tolerance},
 };
 
 /// Returns the record without the numbers that [`completed`] fills in.
@@ -64,7 +64,7 @@ pub(super) fn completed(mut lift: Lift, scene: &TrainingScene, samples: &Samples
 }
 
 /// Returns the corners of the smallest box around all samples, world.
-fn bounds(lifted: &[Lifted], normalization: &Similarity) -> [[f64; 3]; 2] {
+fn bounds(lifted: &[SurfaceSamples], normalization: &Similarity) -> [[f64; 3]; 2] {
     let places = lifted.iter().flat_map(|lifted| &lifted.gaussians.positions);
     let (least, greatest) = places.fold(
         (Vec3::INFINITY, Vec3::NEG_INFINITY),

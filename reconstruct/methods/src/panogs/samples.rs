@@ -16,8 +16,8 @@ use omnilife_training::{
     scene::TrainingScene,
     seeds::{
         depth::{
-            Agreement, DistanceView, LiftCounts, LiftSettings, Lifted, ScaleFit, SourceView,
-            agreement, checks, fit_scales, lift, scaled,
+            Agreement, DistanceView, LiftCounts, LiftSettings, ScaleFit, SourceView,
+            SurfaceSamples, agreement, checks, fit_scales, lift, scaled,
             sources::{self, Sources},
             tolerance,
         },
@@ -82,7 +82,7 @@ pub(super) struct ScaleAgreement {
 #[derive(Debug)]
 pub(super) struct SampleChoice {
     /// The samples of each view.
-    pub(super) lifted: Vec<Lifted>,
+    pub(super) lifted: Vec<SurfaceSamples>,
     pub(super) shape: LiftSettings,
     /// Share of all samples that two or more views see past.
     pub(super) ghost_share: f64,
@@ -105,7 +105,7 @@ impl Samples {
         let agreed = agreed(scene, &mut views, plan, &mut warnings);
         refine(scene, &mut views, size, plan);
         let thins_poles = thins_poles(scene, &views, plan);
-        let lifted: Vec<Lifted> = distance_views(&views)
+        let lifted: Vec<SurfaceSamples> = distance_views(&views)
             .iter()
             .enumerate()
             .map(|(number, view)| {
@@ -117,7 +117,7 @@ impl Samples {
                 lift(view, number as u64, &settings)
             })
             .collect();
-        if lifted.iter().all(Lifted::is_empty) {
+        if lifted.iter().all(SurfaceSamples::is_empty) {
             return Err(ReconstructError::Request {
                 reason: format!(
                     "{}: no pixel of its input views has a usable distance",
@@ -143,7 +143,7 @@ impl Samples {
         record: Lift,
     ) -> Self {
         let mut view_of = Vec::new();
-        let mut all = Lifted::default();
+        let mut all = SurfaceSamples::default();
         for (number, of_view) in chosen.lifted.into_iter().enumerate() {
             view_of.extend(std::iter::repeat_n(number as u16, of_view.len()));
             all.append(of_view);
@@ -239,8 +239,8 @@ impl Samples {
 }
 
 /// Returns places on the visible surfaces: enough of them to find the directions without any.
-fn some_places(lifted: &[Lifted]) -> PointCloud<f32> {
-    let all: usize = lifted.iter().map(Lifted::len).sum();
+fn some_places(lifted: &[SurfaceSamples]) -> PointCloud<f32> {
+    let all: usize = lifted.iter().map(SurfaceSamples::len).sum();
     let positions = lifted.iter().flat_map(|lifted| &lifted.gaussians.positions);
     let positions: Vec<[f32; 3]> = positions.step_by(all / MOST_PLACES + 1).copied().collect();
     PointCloud::of_colour(positions, [0; 3])
@@ -393,7 +393,7 @@ fn thins_poles(scene: &TrainingScene, views: &[SourceView], plan: &mut DecisionL
 /// Chooses the samples that stay, and shapes them.
 fn chosen(
     views: &[SourceView],
-    lifted: Vec<Lifted>,
+    lifted: Vec<SurfaceSamples>,
     disagreement: f64,
     plan: &mut DecisionLog<'_>,
     warnings: &mut Vec<String>,

@@ -5,7 +5,7 @@ use omnilife_engine::{schedule::Position, trajectories::rigid_spline::RigidPose}
 use omnilife_schemas::camera::{Camera, ErpCamera, PinholeCamera};
 
 use super::{check, judge};
-use crate::{devices::DeviceKind, largest_or_nan, special::Judgement};
+use crate::{devices::DeviceKind, largest_or_nan, special::CaseResult};
 use omnilife_atlas::{
     AtlasStart, METHOD, begin,
     clip::{Clip, ClipFrame, UnitClock},
@@ -67,9 +67,9 @@ const CLIPS: &[ClipCase] = &[
     ),
 ];
 
-pub(super) fn clip_on(id: &str, kind: DeviceKind) -> Judgement {
+pub(super) fn clip_on(id: &str, kind: DeviceKind) -> CaseResult {
     CLIPS.iter().find(|(case, ..)| *case == id).map_or_else(
-        || Judgement::failed(format!("no clip is {id}")),
+        || CaseResult::failed(format!("no clip is {id}")),
         |(_, action, find)| judge(action, || find(kind)),
     )
 }

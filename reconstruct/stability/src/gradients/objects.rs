@@ -18,7 +18,7 @@ use omnilife_schemas::{
 };
 
 use super::{difference, relative_error};
-use crate::{devices::Device, largest_or_nan, special::Judgement};
+use crate::{devices::Device, largest_or_nan, special::CaseResult};
 
 const SECONDS: f64 = 0.7;
 const DURATION: f64 = 2.0;
@@ -128,7 +128,7 @@ fn table() -> ParameterTable {
 }
 
 /// Judges the gradients by every value of an object of this size, relative to the largest of their kind.
-pub(super) fn judge(device: &Device, size: f64, limit: f64) -> Judgement {
+pub(super) fn judge(device: &Device, size: f64, limit: f64) -> CaseResult {
     let mut object = Object::new(size);
     let table = table();
     let mut tracked = TrackedGaussians::new(vec![object.tracked()], true);
@@ -174,7 +174,7 @@ pub(super) fn judge(device: &Device, size: f64, limit: f64) -> Judgement {
     });
     let part = match taken_back {
         Ok((_, part)) => part,
-        Err(error) => return Judgement::failed(error),
+        Err(error) => return CaseResult::failed(error),
     };
     let table = &part.table;
     let mut found = Vec::new();
@@ -208,7 +208,7 @@ pub(super) fn judge(device: &Device, size: f64, limit: f64) -> Judgement {
     }
     let errors = kinds.iter().map(|pairs| relative_error(pairs));
     let worst = errors.fold(0.0, largest_or_nan);
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "compared with differences of the definition in f64",
         None,
         Some([worst, device.limit(limit)]),

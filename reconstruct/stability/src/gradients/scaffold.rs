@@ -8,7 +8,7 @@ use omnilife_engine::{
 use omnilife_schemas::{camera::ErpCamera, distances::DistanceImage};
 
 use super::{difference, relative_error};
-use crate::{devices::Device, special::Judgement};
+use crate::{devices::Device, special::CaseResult};
 
 const SIZE: [usize; 2] = [64, 32];
 const VOXEL: f64 = 0.1;
@@ -71,7 +71,7 @@ fn loss(field: &Scaffold, base: DVec3, centre: DVec3) -> Option<f64> {
 }
 
 /// Judges directions and ratios of the gradients: the loss's weight is a common factor.
-pub(super) fn judge(device: &Device) -> Judgement {
+pub(super) fn judge(device: &Device) -> CaseResult {
     let field = field();
     let mut centres = Vec::new();
     let mut expected = Vec::new();
@@ -99,11 +99,11 @@ pub(super) fn judge(device: &Device) -> Judgement {
         expected.extend(by_axis);
     }
     if centres.len() < 50 {
-        return Judgement::failed(format!("{} of 200 places have a value", centres.len()));
+        return CaseResult::failed(format!("{} of 200 places have a value", centres.len()));
     }
     let gradient = match device.scaffold_gradient(&field, &centres) {
         Ok(gradient) => gradient,
-        Err(error) => return Judgement::failed(error),
+        Err(error) => return CaseResult::failed(error),
     };
     let found: Vec<f64> = gradient.into_iter().map(f64::from).collect();
     let length = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>().sqrt();
@@ -113,7 +113,7 @@ pub(super) fn judge(device: &Device) -> Judgement {
         .zip(&expected)
         .map(|(found, expected)| [factor * found, *expected])
         .collect();
-    Judgement::of_errors(
+    CaseResult::of_errors(
         "compared with differences of the definition in f64, up to the weight",
         None,
         Some([relative_error(&pairs), device.limit(1e-3)]),

@@ -12,7 +12,7 @@ use super::compared;
 use crate::{
     Limits,
     devices::{Device, panorama},
-    special::{Judgement, Runs, SpecialCase},
+    special::{CaseResult, Runs, SpecialCase},
 };
 
 const PIXELS: usize = 60;
@@ -107,12 +107,12 @@ fn maps(base: f64, spread: f64, size: f64) -> Maps {
     }
 }
 
-fn judge(device: &Device, maps: &Maps) -> Judgement {
+fn judge(device: &Device, maps: &Maps) -> CaseResult {
     let found = match device.gpu() {
         None => of_kernels(maps),
         Some(gpu) => match on_gpu(gpu, maps) {
             Ok(found) => found,
-            Err(error) => return Judgement::failed(error),
+            Err(error) => return CaseResult::failed(error),
         },
     };
     compared(&found, &of_definition(maps), LIMITS)

@@ -21,7 +21,7 @@ use super::compared;
 use crate::{
     Limits,
     devices::Device,
-    special::{Judgement, Runs, SpecialCase},
+    special::{CaseResult, Runs, SpecialCase},
 };
 
 /// Ten times the measured errors.
@@ -198,7 +198,7 @@ fn on_gpu(
     Ok(Some((value, by_centre, by_velocity, by_peak[0])))
 }
 
-fn judge(device: &Device, moving: &MovingGaussian) -> Judgement {
+fn judge(device: &Device, moving: &MovingGaussian) -> CaseResult {
     let centre = (moving.distance * DIRECTION).as_vec3();
     let velocity = (moving.speed * HEADING).as_vec3();
     let found = match device.activator() {
@@ -207,8 +207,8 @@ fn judge(device: &Device, moving: &MovingGaussian) -> Judgement {
     };
     let (value, by_centre, by_velocity, by_peak) = match found {
         Ok(Some(found)) => found,
-        Ok(None) => return Judgement::failed("no direction is defined"),
-        Err(error) => return Judgement::failed(error),
+        Ok(None) => return CaseResult::failed("no direction is defined"),
+        Err(error) => return CaseResult::failed(error),
     };
     let (expected, (in_centre, in_velocity, in_peak)) = reference(moving, centre, velocity);
     // Each array's gradient is relative to its own size, so that none hides behind another; the value is relative

@@ -14,7 +14,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use crate::{
-    parameterizations::{InTime, Parameterization, still},
+    parameterizations::{Parameterization, TimeDependence, still},
     setup::Setup,
 };
 use omnilife_engine::{
@@ -27,7 +27,7 @@ use omnilife_engine::{
 /// The published octaves, and layers narrow enough for plain loops.
 pub const DEFORMABLE: Parameterization = Parameterization {
     id: "deformable",
-    in_time: InTime::Deformed,
+    in_time: TimeDependence::Deformed,
     table: |setup| still::table(&setup.gaussians),
     part: |table, setup| {
         let settings = DeformationSettings {

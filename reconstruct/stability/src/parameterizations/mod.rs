@@ -17,7 +17,7 @@ pub use still::{STATIC, STATIC_VALUES};
 
 /// Dependence of a parameterization on time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum InTime {
+pub enum TimeDependence {
     /// Independent of time.
     Still,
     /// The Gaussians, through a network that all of them share.
@@ -32,7 +32,7 @@ pub struct Parameterization {
     /// Id.
     pub id: &'static str,
     /// Dependence on time.
-    pub in_time: InTime,
+    pub in_time: TimeDependence,
     /// Makes a table of a setup's raw parameters; those of static Gaussians come first.
     pub table: fn(&Setup) -> ParameterTable,
     /// Returns the table with its activation, which is judged.

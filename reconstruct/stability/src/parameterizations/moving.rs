@@ -16,7 +16,7 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use crate::{
-    parameterizations::{InTime, Parameterization, still},
+    parameterizations::{Parameterization, TimeDependence, still},
     setup::Setup,
 };
 use omnilife_engine::{
@@ -36,7 +36,7 @@ use omnilife_engine::{
 /// PVG: one free velocity; faint Gaussians are left out.
 pub const PERIODIC: Parameterization = Parameterization {
     id: "periodic",
-    in_time: InTime::Moving,
+    in_time: TimeDependence::Moving,
     table: |setup| table(setup, &pvg(setup)),
     part: |table, setup| part(table, setup, pvg(setup)),
     definition: |row, frozen, setup| definition(row, frozen, setup, None, 0.05),
@@ -47,7 +47,7 @@ pub const PERIODIC: Parameterization = Parameterization {
 /// Omni4DGS, Eq. 3 as written, seen from the world's origin.
 pub const OMNI4DGS: Parameterization = Parameterization {
     id: "omni4dgs",
-    in_time: InTime::Moving,
+    in_time: TimeDependence::Moving,
     table: |setup| table(setup, &literal(setup)),
     part: |table, setup| part(table, setup, literal(setup)),
     definition: |row, frozen, setup| {
@@ -62,7 +62,7 @@ pub const OMNI4DGS: Parameterization = Parameterization {
 /// Omni4DGS, the velocities projected on the line of sight of the camera and across it.
 pub const OMNI4DGS_PROJECTED: Parameterization = Parameterization {
     id: "omni4dgs-projected",
-    in_time: InTime::Moving,
+    in_time: TimeDependence::Moving,
     table: |setup| table(setup, &projected(setup)),
     part: |table, setup| part(table, setup, projected(setup)),
     definition: |row, frozen, setup| {

@@ -1,7 +1,7 @@
 //! Static Gaussians (3DGS).
 
 use crate::{
-    parameterizations::{InTime, Parameterization},
+    parameterizations::{Parameterization, TimeDependence},
     setup::RawGaussian,
 };
 use omnilife_engine::{
@@ -17,7 +17,7 @@ pub const STATIC_VALUES: usize = 14;
 /// Parameterization without time.
 pub const STATIC: Parameterization = Parameterization {
     id: "static",
-    in_time: InTime::Still,
+    in_time: TimeDependence::Still,
     table: |setup| table(&setup.gaussians),
     part: |table, _| Part::new(StaticGaussians, table),
     definition: |row, _, _| definition(row),

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use crate::depth::room::{self, RoomView};
 use glam::{DVec3, Quat, Vec3};
 use omnilife_reconstruct::seeds::depth::{
-    DistanceView, LiftSettings, Lifted, lift,
+    DistanceView, LiftSettings, SurfaceSamples, lift,
     normals::{relative_noise, window},
 };
 use omnilife_schemas::{camera::PinholeCamera, distances::DistanceImage, records::DistanceGrid};
@@ -13,7 +13,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
-fn lifted(view: &RoomView, distances: &DistanceImage, mask: Option<&[u8]>) -> Lifted {
+fn lifted(view: &RoomView, distances: &DistanceImage, mask: Option<&[u8]>) -> SurfaceSamples {
     let given = DistanceView {
         view: &view.view,
         pixels: &view.pixels,
@@ -25,7 +25,7 @@ fn lifted(view: &RoomView, distances: &DistanceImage, mask: Option<&[u8]>) -> Li
     lift(&given, 0, &LiftSettings::OF_BEST_VIEWS)
 }
 
-fn place(lifted: &Lifted, index: usize) -> DVec3 {
+fn place(lifted: &SurfaceSamples, index: usize) -> DVec3 {
     Vec3::from_array(lifted.gaussians.positions[index]).as_dvec3()
 }
 
@@ -35,7 +35,7 @@ fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values[((values.len() - 1) as f64 * share) as usize]
 }
 
-fn errors_metres(lifted: &Lifted) -> Vec<f64> {
+fn errors_metres(lifted: &SurfaceSamples) -> Vec<f64> {
     let indices = 0..lifted.len();
     indices
         .map(|index| room::signed_distance(place(lifted, index)).abs())
@@ -82,7 +82,7 @@ fn endpoint_distances(view: &RoomView, width: usize) -> DistanceImage {
     }
 }
 
-fn normal_errors_degrees(view: &RoomView, lifted: &Lifted) -> Vec<f64> {
+fn normal_errors_degrees(view: &RoomView, lifted: &SurfaceSamples) -> Vec<f64> {
     (0..lifted.len())
         .map(|index| {
             let truth = view.normals[lifted.pixels[index] as usize];

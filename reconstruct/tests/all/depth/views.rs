@@ -5,7 +5,8 @@ use crate::depth::room::{self, RoomView};
 use glam::{DVec3, Vec3};
 use omnilife_engine::losses::scaffold::{Scaffold, fuse::FusedView};
 use omnilife_reconstruct::seeds::depth::{
-    DistanceView, LiftSettings, Lifted, agreement, checks, fit_scales, incidence, lift, tolerance,
+    DistanceView, LiftSettings, SurfaceSamples, agreement, checks, fit_scales, incidence, lift,
+    tolerance,
 };
 use omnilife_schemas::{
     camera::{CameraModel, ErpCamera},
@@ -85,7 +86,7 @@ fn views_without_a_common_surface_are_groups_of_their_own() {
 
 /// Returns support, number of views that see past it and the finest flag, one sample and f64 throughout.
 fn by_brute_force(
-    lifted: &Lifted,
+    lifted: &SurfaceSamples,
     index: usize,
     own: usize,
     views: &[RoomView],

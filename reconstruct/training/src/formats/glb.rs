@@ -232,7 +232,7 @@ fn parts(bytes: &[u8]) -> Result<(&[u8], &[u8]), String> {
         return Err(cut_off());
     };
     if magic != MAGIC {
-        return Err("is no GLB: it does not begin with glTF".to_owned());
+        return Err("is not a GLB: it does not begin with glTF".to_owned());
     }
     let version = u32::from_le_bytes(version);
     if version != VERSION {

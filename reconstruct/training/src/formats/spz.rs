@@ -247,7 +247,7 @@ impl Header {
         let version = u32::from_le_bytes(version);
         let [degree, fractional_bits, flags, streams] = fields;
         if magic != MAGIC {
-            return Err("is no SPZ: its header does not begin with NGSP".to_owned());
+            return Err("is not an SPZ: its header does not begin with NGSP".to_owned());
         }
         if !(2..=4).contains(&version) {
             return Err(format!("is SPZ of version {version}, and 2 to 4 are read"));

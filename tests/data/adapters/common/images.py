@@ -8,7 +8,7 @@ def read(path):
     """Returns width, height and the rows of an RGB image, bytes."""
     data = open(path, "rb").read()
     if data[:8] != b"\x89PNG\r\n\x1a\n":
-        raise ValueError(f"{path} is no PNG")
+        raise ValueError(f"{path} is not a PNG")
     place, packed = 8, b""
     while place < len(data):
         length, name = struct.unpack(">I4s", data[place : place + 8])

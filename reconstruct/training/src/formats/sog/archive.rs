@@ -88,7 +88,7 @@ impl<'a> Archive<'a> {
         let end = tail.windows(END.len()).rposition(|word| *word == END);
         let end = end.and_then(|at| tail.get(at..));
         let end =
-            end.ok_or("is no ZIP archive, or is cut off: the end of its directory is missing")?;
+            end.ok_or("is not a ZIP archive, or is cut off: the end of its directory is missing")?;
         let cut_off = || "is cut off in its directory".to_owned();
         let comment = usize::from(half(end, 20).ok_or_else(cut_off)?);
         if end.len() < END_BYTES.saturating_add(comment) {

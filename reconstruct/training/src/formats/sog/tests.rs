@@ -230,7 +230,7 @@ fn what_is_no_sog_is_refused_by_name() {
     // Within the record, the first file.
     flipped[60] ^= 1;
     for (bytes, expected) in [
-        (b"glTF".to_vec(), "is no ZIP archive"),
+        (b"glTF".to_vec(), "is not a ZIP archive"),
         (flipped, "has another meta.json than its checksum says"),
         (bundled(&[]).expect("bundled"), "has no meta.json"),
         (

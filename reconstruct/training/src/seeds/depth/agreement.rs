@@ -4,7 +4,7 @@ use glam::Vec3;
 use omnilife_engine::camera::nearest::Projector;
 use rayon::prelude::*;
 
-use super::lift::{DistanceView, Lifted, pixel_angle};
+use super::lift::{DistanceView, SurfaceSamples, pixel_angle};
 
 /// Minimum tolerance of the distances of two views of one surface, as a share.
 const LEAST_TOLERANCE: f64 = 0.02;
@@ -63,7 +63,7 @@ fn octave(radius: f32) -> i32 {
 /// it. There its own samples have the radius `d pitch / sqrt(cos)`. Among equals the earlier view's stays; among those
 /// of one octave of radii it does for [`Agreement::is_own`], which is a total order, so that a place keeps a view.
 pub fn agreement(
-    lifted: &Lifted,
+    lifted: &SurfaceSamples,
     own: usize,
     views: &[DistanceView<'_>],
     tolerance: f64,

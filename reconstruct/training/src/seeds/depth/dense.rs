@@ -24,7 +24,7 @@ use omnilife_schemas::{RgbImage, distances::EDGE_RATIO};
 use rayon::prelude::*;
 
 use super::{
-    Agreement, DistanceView, LiftSettings, Lifted, SourceView, agreement, fit_scales,
+    Agreement, DistanceView, LiftSettings, SourceView, SurfaceSamples, agreement, fit_scales,
     lift::{lift, pixel_angle, sample_radius, z_onto},
     scaled,
     sources::{Origin, Sources},
@@ -62,7 +62,7 @@ pub struct DenseSurfaces<'a> {
 /// The samples of a view's pixels.
 #[derive(Debug)]
 struct Layer {
-    lifted: Lifted,
+    lifted: SurfaceSamples,
     /// Confidence of each sample, in [0, 1].
     confidences: Vec<f32>,
     /// The sample of each pixel; `None` where the view has none, or leaves it to another view.
@@ -105,7 +105,7 @@ impl<'a> DenseSurfaces<'a> {
             disagreement = fit.disagreement_after;
         }
         let tolerance = tolerance(disagreement);
-        let lifted: Vec<Lifted> = as_given(&views)
+        let lifted: Vec<SurfaceSamples> = as_given(&views)
             .iter()
             .enumerate()
             .map(|(number, view)| lift(view, number as u64, &SHAPE))
@@ -267,7 +267,7 @@ impl<'a> DenseSurfaces<'a> {
 
 impl Layer {
     /// Keeps the samples that are the view's own, and those that no two views see past.
-    fn new(lifted: Lifted, found: &[Agreement], pixels: usize) -> Self {
+    fn new(lifted: SurfaceSamples, found: &[Agreement], pixels: usize) -> Self {
         let mut sample_of = vec![None; pixels];
         let mut confidences = Vec::with_capacity(found.len());
         for (sample, found) in found.iter().enumerate() {

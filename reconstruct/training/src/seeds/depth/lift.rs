@@ -100,7 +100,7 @@ pub struct LiftCounts {
 
 /// Samples of a view's surfaces; all lists are of one length.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Lifted {
+pub struct SurfaceSamples {
     /// The Gaussians, normalized units. The third axis is along the normal.
     pub gaussians: InitialGaussians,
     /// Unit normals in the world, towards the camera.
@@ -115,7 +115,7 @@ pub struct Lifted {
     pub counts: LiftCounts,
 }
 
-impl Lifted {
+impl SurfaceSamples {
     /// Returns the number of samples.
     pub fn len(&self) -> usize {
         self.radii.len()
@@ -181,7 +181,7 @@ struct Sample {
 /// overlap each other.
 ///
 /// `number` is that of the view: it keeps the views' hashes apart.
-pub fn lift(view: &DistanceView<'_>, number: u64, settings: &LiftSettings) -> Lifted {
+pub fn lift(view: &DistanceView<'_>, number: u64, settings: &LiftSettings) -> SurfaceSamples {
     let points = Points::new(view.view.camera, view.distances);
     let noise = normals::relative_noise(view.distances);
     let half_width = normals::window(noise, view.distances.height);
@@ -194,24 +194,24 @@ pub fn lift(view: &DistanceView<'_>, number: u64, settings: &LiftSettings) -> Li
         settings,
     };
     let (width, height) = (view.distances.width, view.distances.height);
-    let rows: Vec<Lifted> = (0..height)
+    let rows: Vec<SurfaceSamples> = (0..height)
         .into_par_iter()
         .map(|row| {
-            let mut lifted = Lifted::default();
+            let mut lifted = SurfaceSamples::default();
             for column in 0..width {
                 lifter.add(&mut lifted, column, row);
             }
             lifted
         })
         .collect();
-    let mut all = Lifted::default();
+    let mut all = SurfaceSamples::default();
     for row in rows {
         all.append(row);
     }
     all
 }
 
-impl Lifted {
+impl SurfaceSamples {
     /// Adds the samples of another view, or of more rows.
     pub fn append(&mut self, mut other: Self) {
         self.gaussians.append(other.gaussians);
@@ -238,7 +238,7 @@ struct Lifter<'a> {
 }
 
 impl Lifter<'_> {
-    fn add(&self, lifted: &mut Lifted, column: usize, row: usize) {
+    fn add(&self, lifted: &mut SurfaceSamples, column: usize, row: usize) {
         let pixel = row * self.view.distances.width + column;
         lifted.counts.pixels += 1;
         let sample = match self.pixel_use(column, row) {

@@ -20,6 +20,6 @@ pub mod source_view;
 pub mod sources;
 
 pub use agreement::{Agreement, agreement, sees_past, tolerance};
-pub use lift::{DistanceView, LiftCounts, LiftSettings, Lifted, incidence, lift};
+pub use lift::{DistanceView, LiftCounts, LiftSettings, SurfaceSamples, incidence, lift};
 pub use scales::{ScaleFit, fit_scales};
 pub use source_view::{SourceView, scaled};
