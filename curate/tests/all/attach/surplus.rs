@@ -54,9 +54,14 @@ fn a_folder_with_other_names_shows_one_of_them() {
     };
     attach(&scenes.imported, None, &given, &Silent).unwrap();
     fs::rename(folder.join("000003.png"), folder.join("000003_mask.png")).unwrap();
-    let error = attach(&scenes.imported, None, &given, &Silent).unwrap_err();
+    let refused = attach(&scenes.imported, None, &given, &Silent).map(drop);
+    let error = refused.unwrap_err();
     let message = error.to_string();
-    for part in ["11 of 12 frames", "000003.png", "named like 000003_mask.png"] {
+    for part in [
+        "11 of 12 frames",
+        "000003.png",
+        "named like 000003_mask.png",
+    ] {
         assert!(message.contains(part), "{part}: {message}");
     }
 }
