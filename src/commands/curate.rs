@@ -354,21 +354,23 @@ fn summary(curated: &CuratedDataset, videos: &[PathBuf]) -> String {
     use omnilife_schemas::records::VideoStatus;
     let line = |(index, path): (usize, &PathBuf)| {
         let path = path.display();
-        match &curated.record.videos[index].status {
+        let text = match &curated.record.videos[index].status {
             VideoStatus::Curated { sequences } => {
-                format!("{path}: {}\n", counted(sequences.len(), "sequence"))
+                format!("{path}: {}", counted(sequences.len(), "sequence"))
             }
             VideoStatus::Rejected { reason, .. } | VideoStatus::Failed { reason } => {
                 let mut errors = curated.errors.iter();
                 match errors.find(|(failed, _)| *failed == index) {
                     // Messages begin with the file.
-                    Some((_, error)) => format!("{error}\n"),
-                    None => format!("{path}: {reason}\n"),
+                    Some((_, error)) => error.to_string(),
+                    None => format!("{path}: {reason}"),
                 }
             }
-            VideoStatus::Duplicate { of } => format!("{path}: the same content as {of}\n"),
-            VideoStatus::Pending => format!("{path}: not reached\n"),
-        }
+            VideoStatus::Duplicate { of } => format!("{path}: the same content as {of}"),
+            VideoStatus::Pending => format!("{path}: not reached"),
+        };
+        // A name may have a line break.
+        text.replace('\n', "\\n") + "\n"
     };
     videos.iter().enumerate().map(line).collect()
 }

@@ -233,6 +233,24 @@ fn what_cannot_be_rendered_is_refused_in_one_line() {
         message.contains("points.ply") && message.contains("a point cloud"),
         "{message}"
     );
+    // A header that states no vertex before those that follow.
+    let whole = fs::read(run.join("gaussians.ply")).unwrap();
+    let end = whole
+        .windows(10)
+        .position(|word| word == b"end_header")
+        .unwrap();
+    let header = String::from_utf8_lossy(&whole[..end]);
+    let lines = header
+        .lines()
+        .map(|line| match line.starts_with("element vertex") {
+            true => "element vertex 0\n".to_owned(),
+            false => format!("{line}\n"),
+        });
+    let header: String = lines.collect();
+    let empty = folder.path().join("empty.ply");
+    fs::write(&empty, [header.as_bytes(), &whole[end..]].concat()).unwrap();
+    let message = refused(&empty, &poses, &[]);
+    assert!(message.contains("must hold Gaussians"), "{message}");
     let message = refused(&run, &scene, &[]);
     assert!(message.contains("omnilife/run/2"), "{message}");
     let message = refused(

@@ -319,6 +319,14 @@ fn fill_folder<T>(
     filled.map_err(|error| error.in_place_of(&temporary, out))
 }
 
+/// Refuses a file in place of the folder of a format.
+fn refuse_file(folder: &Path) -> Result<(), CurateError> {
+    match folder.is_file() {
+        true => Err(CurateError::input(folder, "must be a folder, got a file")),
+        false => Ok(()),
+    }
+}
+
 /// Refuses a non-empty output folder; removes leftovers of killed processes beside it.
 fn refuse_filled(out: &Path) -> Result<(), CurateError> {
     if let Some(parent) = out.parent().filter(|parent| parent.is_dir()) {

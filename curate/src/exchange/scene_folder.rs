@@ -87,10 +87,7 @@ pub enum MaskMeaning {
 pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
     let format = format(request.format, request.folder)?;
     super::refuse_filled(request.out)?;
-    if request.folder.is_file() {
-        let reason = "must be a folder, got a file";
-        return Err(CurateError::input(request.folder, reason));
-    }
+    super::refuse_file(request.folder)?;
     let mut foreign = (format.import)(request.folder)?;
     if let (true, [first, ..]) = (foreign.frames.is_empty(), &foreign.missing_images[..]) {
         let reason = format!(

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use omnilife_schemas::{
-    layout::{DATASHEET_FILE, STATISTICS_FOLDER, TABLES_FOLDER},
+    layout::{DATASHEET_FILE, SLICES_FOLDER, STATISTICS_FOLDER, TABLES_FOLDER},
     plain_text::{counted, for_markdown, without_folders},
     records::{Dataset, VideoEntry, VideoStatus},
 };
@@ -172,7 +172,7 @@ const FILES: [(&str, &str, &str); 26] = [
         "segments of the video, kept or left out",
     ),
     (
-        "slices",
+        SLICES_FOLDER,
         "`videos/*/slices/*.mp4`, `metadata.csv`",
         "the sequences as video, and their classes",
     ),
@@ -258,7 +258,12 @@ const FILES: [(&str, &str, &str); 26] = [
 /// Adds a table of the files that the dataset holds, and the conventions of cameras and times.
 fn files(text: &mut String, release: &Release<'_>) {
     line(text, "## Files\n\n| file | content |\n|---|---|");
-    let held = |entry: &str| entry.is_empty() || release.has(entry);
+    let held = |entry: &str| match entry {
+        "" => true,
+        // The table beside the videos, which an earlier publication wrote, may be left alone there.
+        SLICES_FOLDER => release.has_videos,
+        entry => release.has(entry),
+    };
     for (_, names, content) in FILES.iter().filter(|(entry, ..)| held(entry)) {
         line(text, &format!("| {names} | {content} |"));
     }

@@ -40,3 +40,28 @@ fn files_of_no_frame_are_named() {
         );
     }
 }
+
+/// Masks of another program are named after their images with an ending, and macOS adds hidden files.
+#[test]
+fn a_folder_with_other_names_shows_one_of_them() {
+    let temp = tempfile::tempdir().unwrap();
+    let scenes = Scenes::new(temp.path(), "colmap");
+    let folder = scenes.masks("moving", 20);
+    fs::write(folder.join("._000000.png"), "Mac OS X").unwrap();
+    let given = GivenTruth {
+        masks: Some(folder.clone()),
+        ..GivenTruth::default()
+    };
+    attach(&scenes.imported, None, &given, &Silent).unwrap();
+    fs::rename(folder.join("000003.png"), folder.join("000003_mask.png")).unwrap();
+    let refused = attach(&scenes.imported, None, &given, &Silent).map(drop);
+    let error = refused.unwrap_err();
+    let message = error.to_string();
+    for part in [
+        "11 of 12 frames",
+        "000003.png",
+        "named like 000003_mask.png",
+    ] {
+        assert!(message.contains(part), "{part}: {message}");
+    }
+}

@@ -260,6 +260,10 @@ impl Source {
             None => {
                 let placement = self.placement()?;
                 let table = exchange::read(&self.path, &placement, &self.normalization, invalid)?;
+                if table.is_empty() {
+                    let reason = "must hold Gaussians, got none";
+                    return Err(StoreError::malformed(&self.path, reason).into());
+                }
                 Ok(Model::new(vec![Part::new(StaticGaussians, table)]))
             }
         }
