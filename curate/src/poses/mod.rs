@@ -15,6 +15,7 @@ mod frame_list;
 mod frame_programs;
 pub mod given;
 mod ground_scale;
+mod hovering;
 mod ignored;
 pub mod lens;
 pub mod level;
@@ -182,9 +183,9 @@ pub fn pose_sequence_with(
                     (settings, &truth.ignored),
                     progress,
                 );
-                let hovering =
-                    turns::of_hovering((sequence_folder, &sequence), &found, pitch, progress)?;
-                hovering.map_or(found, Ok)?
+                let over_ground =
+                    hovering::of_hovering((sequence_folder, &sequence), &found, pitch, progress)?;
+                over_ground.map_or(found, Ok)?
             }
         };
         if let Some(scale) = scale {

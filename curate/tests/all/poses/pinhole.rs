@@ -212,3 +212,22 @@ fn what_is_known_of_a_flight_brings_it_to_metres() {
         assert!(error.to_string().contains(reason), "{error}");
     }
 }
+
+#[test]
+fn a_pitch_is_an_angle_below_the_horizon() {
+    let check = |pitch: f64| {
+        let truth = GivenTruth {
+            camera_pitch: Some(pitch),
+            ..GivenTruth::default()
+        };
+        truth.check().map_err(|error| error.to_string())
+    };
+    assert!(check(20.0).is_ok() && check(90.0).is_ok());
+    for pitch in [-30.0, 0.0, 91.0, f64::NAN] {
+        let message = check(pitch).unwrap_err();
+        assert!(
+            message.contains("--camera-pitch") && message.contains("20 to 90"),
+            "{message}"
+        );
+    }
+}
