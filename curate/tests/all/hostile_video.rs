@@ -17,14 +17,14 @@ use support::erp_clip;
 use crate::support;
 
 /// Runs the `ffmpeg` program in a folder.
-fn ffmpeg(folder: &Path, arguments: &[&str]) {
+fn ffmpeg(folder: &Path, arguments: &str) {
     let made = std::process::Command::new("ffmpeg")
         .args(["-nostdin", "-loglevel", "error", "-y"])
-        .args(arguments)
+        .args(arguments.split(' '))
         .current_dir(folder)
         .status()
         .unwrap();
-    assert!(made.success(), "ffmpeg {arguments:?}");
+    assert!(made.success(), "ffmpeg {arguments}");
 }
 
 /// A Matroska file in which one of the elements of the colour description is a number that is no
@@ -34,21 +34,8 @@ fn with_colour(folder: &Path, element: [u8; 2], name: &str) -> PathBuf {
     if !plain.exists() {
         ffmpeg(
             folder,
-            &[
-                "-f",
-                "lavfi",
-                "-i",
-                "testsrc2=s=256x128:d=2:r=10",
-                "-c:v",
-                "mpeg4",
-                "-color_trc",
-                "bt709",
-                "-color_primaries",
-                "bt709",
-                "-colorspace",
-                "bt709",
-                "plain.mkv",
-            ],
+            "-f lavfi -i testsrc2=s=256x128:d=2:r=10 -c:v mpeg4 -color_trc bt709 \
+             -color_primaries bt709 -colorspace bt709 plain.mkv",
         );
     }
     let bytes = fs::read(&plain).unwrap();
@@ -174,19 +161,8 @@ fn a_gap_of_a_century_between_two_frames() {
     let temp = tempfile::tempdir().unwrap();
     ffmpeg(
         temp.path(),
-        &[
-            "-f",
-            "lavfi",
-            "-i",
-            "testsrc2=s=256x128:d=4:r=10",
-            "-vf",
-            "setpts='PTS+if(gte(N,20),3e9/TB,0)'",
-            "-fps_mode",
-            "passthrough",
-            "-c:v",
-            "mjpeg",
-            "gap.mkv",
-        ],
+        "-f lavfi -i testsrc2=s=256x128:d=4:r=10 -vf setpts='PTS+if(gte(N,20),3e9/TB,0)' \
+         -fps_mode passthrough -c:v mjpeg gap.mkv",
     );
     let out = temp.path().join("out");
     let settings = CurateSettings {

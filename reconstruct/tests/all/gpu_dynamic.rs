@@ -11,9 +11,8 @@ use omnilife_engine::{
         omni4dgs::{Decomposition, DirectionOrigin, VelocityForm},
         static_gaussians::{self, InitialGaussians, StaticGaussians},
         temporal::{
-            InitialTimes, LOG_LIFESPANS, LifespanFeature, LifespanRange, PEAK_TIMES,
-            RADIAL_VELOCITIES, TANGENTIAL_VELOCITIES, TemporalFeatures, TimeModel, VELOCITIES,
-            VelocityModel,
+            InitialTimes, LOG_LIFESPANS, LifespanFeature, PEAK_TIMES, RADIAL_VELOCITIES,
+            TANGENTIAL_VELOCITIES, TemporalFeatures, VELOCITIES, VelocityModel,
         },
     },
     model::{
@@ -33,7 +32,7 @@ use omnilife_engine::{
 use omnilife_reconstruct::{baseline, scene::TrainingScene, seeds::points};
 use omnilife_schemas::{points::PointCloud, records::Backend};
 
-use crate::support::{device, held_camera};
+use crate::support::{device, held_camera, random_models};
 
 fn initial(scene: &TrainingScene, first: usize) -> InitialGaussians {
     let every = |rows: &[[f32; 3]]| rows.iter().skip(first).step_by(8).copied().collect();
@@ -93,27 +92,10 @@ fn model(scene: &TrainingScene, dynamics: &DynamicSettings, refines_poses: bool)
 }
 
 fn dynamics(scene: &TrainingScene, velocity: VelocityModel) -> DynamicSettings {
-    DynamicSettings {
-        clock: scene.clock().unwrap(),
-        time: TimeModel {
-            cycle_frames: 10.0,
-            lifespans: Some(LifespanRange {
-                least_frames: 0.25,
-                largest_frames: 1e6,
-            }),
-            velocity,
-            least_marginal: 0.0,
-        },
-        down: [0.0, 1.0, 0.0],
-        dynamic_below_staticness: 1.0,
-        dynamic_loss: None,
-        velocity_loss: None,
-        lifespan_weight: 0.0,
-        features: TemporalFeatures::default(),
-        motion_loss: None,
-        smoothing: None,
-        density: None,
-    }
+    let mut dynamics = random_models::dynamics(scene.clock().unwrap());
+    dynamics.time.velocity = velocity;
+    dynamics.density = None;
+    dynamics
 }
 
 /// Returns PVG's settings with both of its losses on maps.

@@ -77,9 +77,9 @@ impl Scene {
     }
 }
 
-pub(crate) fn dynamics(scene: &Scene) -> DynamicSettings {
+pub(crate) fn dynamics(clock: Clock) -> DynamicSettings {
     DynamicSettings {
-        clock: scene.clock,
+        clock,
         time: TimeModel {
             cycle_frames: 10.0,
             lifespans: Some(LifespanRange {
@@ -121,7 +121,7 @@ pub(crate) fn train_settings(scene: &Scene) -> TrainSettings {
         learning_rates: BTreeMap::new(),
         short_schedule: None,
         densify: density(),
-        dynamics: Some(dynamics(scene)),
+        dynamics: Some(dynamics(scene.clock)),
         deformation: None,
         objects: false,
         exposure: None,
@@ -173,7 +173,7 @@ fn initial(len: usize, random: &mut Pcg64Mcg) -> InitialGaussians {
 /// Returns a model of two parts with random parameters, moments and statistics.
 pub(crate) fn random_model(scene: &Scene, lens: [usize; 2], seed: u64) -> Model {
     let random = &mut Pcg64Mcg::seed_from_u64(seed);
-    let dynamics = dynamics(scene);
+    let dynamics = dynamics(scene.clock);
     let fixed = static_gaussians::table(&initial(lens[0], random), 1);
     let times = InitialTimes {
         peaks: (0..lens[1])
