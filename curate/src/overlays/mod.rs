@@ -30,8 +30,8 @@ pub use stability::OverlayPass;
 use omnilife_schemas::records::{Boundary, Overlay, OverlayReport};
 
 /// Least number of looked-at pairs of frames of a shot between which the scene moved for a judgement. In spans of
-/// `tunnel`, on which nothing is painted, something of 0.02 sr stays for 5 to 8 steps (28 of 30 spans) and nothing for
-/// 10 or more (none of 8).
+/// `tunnel`, on which nothing is painted, something of 0.02 sr stays for 5 to 8 steps (27 of 30 spans) and nothing for
+/// 10 or more (none of 7).
 const LEAST_MOVING_STEPS: u32 = 12;
 
 /// Rules of judgement, part of the cache key of the analysis.
