@@ -78,7 +78,6 @@ pub(super) fn add(found: &mut Vec<Overlay>, mut seen: Overlay) {
     };
     if let (Some(before), Some(now)) = (&known.sightings, &mut seen.sightings) {
         now.seen_frames += before.seen_frames;
-        now.looked_at_frames += before.looked_at_frames;
     }
     let mut ranges = std::mem::take(&mut known.ranges);
     ranges.append(&mut seen.ranges);
@@ -229,6 +228,20 @@ mod tests {
     }
 
     /// The scene changes at once, as a flight over a city may, and the boundary detector knows better.
+    /// Four painted frames of the second shot: two windows of all.
+    #[test]
+    fn captions_of_a_shot_are_seen_in_windows_of_the_video() {
+        let frames = [shot(1, 0..0, 16), shot(2, 4..8, 14)].concat();
+        let found = screened(&frames, &[16]);
+        assert_eq!(found.overlays.len(), 1, "{found:#?}");
+        assert_eq!(found.overlays[0].class, OverlayClass::Caption);
+        let sightings = found.overlays[0].sightings.as_ref().unwrap();
+        assert_eq!((sightings.seen_frames, sightings.looked_at_frames), (2, 28));
+        let ranges = &found.overlays[0].ranges;
+        assert!((ranges[0].begin_seconds - 20.0 * STEP_SECONDS).abs() < 1e-9);
+        assert!((ranges[0].end_seconds - 23.0 * STEP_SECONDS).abs() < 1e-9);
+    }
+
     #[test]
     fn a_false_candidate_changes_no_find() {
         let frames = [shot(1, 0..10, 10), shot(2, 0..10, 10)].concat();

@@ -74,7 +74,7 @@ impl WindowPass {
         self.last = step.map(|step| (range, step));
     }
 
-    /// Returns the captions, each once, with the windows of its shots and those in which it was seen.
+    /// Returns the captions, each once, with all windows and those in which it was seen.
     pub(super) fn captions(&self, boundaries: &[Boundary]) -> Vec<Overlay> {
         let is_in = |shot: usize, window: &TimeRange| {
             [window.begin_seconds, window.end_seconds]
@@ -91,6 +91,10 @@ impl WindowPass {
             for caption in captions_of_shot(seen, windows.count() as u32) {
                 by_shot::add(&mut found, caption);
             }
+        }
+        // Classes are of the shot; limits on the time that a caption takes are of the video.
+        for sightings in (found.iter_mut()).filter_map(|caption| caption.sightings.as_mut()) {
+            sightings.looked_at_frames = self.windows.len() as u32;
         }
         found
     }
