@@ -22,7 +22,8 @@ use crate::{
     error::CurateError,
     frames,
     near_duplicates::signature,
-    overlays, projection,
+    overlays::{self, MosaicPass, OverlayPass},
+    projection,
     sequences::{self, Sequencing},
     settings::{CurateSettings, FrameSelection, LayoutChoice},
     sharpness::View,
@@ -226,6 +227,7 @@ fn analysed(
         .with_hash("video", source.sha256.clone())
         .with_text("detector", &detector.description())
         .with_text("samples", shots::SETTINGS)
+        .with_text("overlays", overlays::SETTINGS)
         .with_text("signature", signature::SETTINGS);
     if let Some(layout) = asked {
         plan = plan.with_settings("layout", &layout);
@@ -281,11 +283,18 @@ fn analysed(
         let mut shot_samples = shot_samples.finish();
         let evident = || sphere_layouts::evident(&projection, &probe);
         let layout = asked.or_else(evident);
+        let screened = |pass: &OverlayPass, mosaics: &MosaicPass, signals: &Signals| {
+            // Boundaries of people, in the ledger, come later and change no measurement.
+            let boundaries = (detector.decide)(signals)
+                .map_err(|error| CurateError::internal(&folder.join(SIGNALS_FILE), error))?;
+            Ok::<_, CurateError>(overlays::report(pass, mosaics, &boundaries))
+        };
         let overlays = if layout == asked {
             // In a video of another kind, shots may still be spheres for most of the time.
             let is_sphere = layout.is_some() || projection.projection.is_monoscopic_erp();
             (is_sphere || shot_samples.show_spheres())
-                .then(|| overlays::report(&overlays, &mosaics))
+                .then(|| screened(&overlays, &mosaics, &signals))
+                .transpose()?
         } else {
             // What the frames store is known only now.
             let again = analysis::analyse_with(video, detector, layout, measured, progress)?;
@@ -293,7 +302,7 @@ fn analysed(
             signals = again.signals;
             signature = again.signature;
             shot_samples = again.shot_samples.finish();
-            Some(overlays::report(&again.overlays, &again.mosaics))
+            Some(screened(&again.overlays, &again.mosaics, &signals)?)
         };
         let record = VideoAnalysis {
             source: source.clone(),

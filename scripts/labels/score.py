@@ -125,6 +125,13 @@ def cap(overlay):
     return cosine >= 1 - overlay["solid_angle_steradians"] / (2 * np.pi)
 
 
+def stays_in(overlay, shot):
+    """Returns true if an overlay's times overlap a shot; one without times is taken to stay always."""
+    ranges = overlay.get("ranges") or [shot]
+    return any(one["begin_seconds"] < shot["end_seconds"] and shot["begin_seconds"] < one["end_seconds"]
+               for one in ranges)
+
+
 def true_overlays(frames):
     """Returns, for each class that a shot's frames show, the union of its regions as a mask of GRID."""
     found = {}
@@ -143,27 +150,26 @@ def overlays(labels, paths):
         report, reach = analysis["overlays"], analysis["range"]
         if report is None or report["unjudged"]:
             print(f"{path}: not judged: {report and report['unjudged']}")
-        found, matched = {}, set()
-        for overlay in report["overlays"] if report else []:
-            found[overlay["class"]] = found.get(overlay["class"], False) | cap(overlay)
         for shot in labels["shots"]:
             middle = (shot["begin_seconds"] + shot["end_seconds"]) / 2
             if not reach["begin_seconds"] <= middle <= reach["end_seconds"]:
                 continue
+            found = {}
+            for overlay in report["overlays"] if report else []:
+                if stays_in(overlay, shot):
+                    found[overlay["class"]] = found.get(overlay["class"], False) | cap(overlay)
             true = true_overlays(frame for frame in labels["frames"] if shot["first"] <= frame["frame"] <= shot["last"])
             for name, region in true.items():
                 disc = found.get(name, np.zeros_like(region))
                 overlap, whole = area[region & disc].sum(), area[region | disc].sum()
                 is_hit = overlap > 0 and overlap >= LEAST_OVERLAP * min(area[region].sum(), area[disc].sum())
-                hits, truths = hits + is_hit, truths + 1
-                if is_hit:
-                    matched.add(name)
-                    ious.append(overlap / whole)
+                hits, truths, right = hits + is_hit, truths + 1, right + is_hit
+                ious += [overlap / whole] * int(is_hit)
                 print(f"  shot {shot['first']}-{shot['last']}: {name} {'found' if is_hit else 'missed'}, "
                       f"IoU {share(overlap, whole)}")
-        for name in sorted(set(found) - matched):
-            print(f"  {name} reported, in none of the shots")
-        right, finds = right + len(matched), finds + len(found)
+            for name in sorted(set(found) - set(true)):
+                print(f"  shot {shot['first']}-{shot['last']}: {name} reported, not labelled")
+            finds += len(found)
     print(f"{labels['clip']}: precision {share(right, finds)}, recall {share(hits, truths)}, "
           f"mean IoU of what is found {share(sum(ious), len(ious))}")
 

@@ -1,6 +1,6 @@
 //! Check for prominent artificial overlays.
 
-use omnilife_schemas::records::{Overlay, OverlayReport};
+use omnilife_schemas::records::{Overlay, OverlayReport, OverlaySpan, TimeRange};
 
 use super::{Check, Thresholds, outcome};
 
@@ -38,9 +38,9 @@ fn judged(report: &OverlayReport, thresholds: &Thresholds, most_steradians: f64)
                 .total_cmp(&b.solid_angle_steradians)
         });
     let value = match (largest, &report.unjudged) {
-        (Some(overlay), _) => described(overlay),
+        (Some(overlay), _) => described(overlay, report),
         (None, Some(reason)) => format!("not judged: {reason}"),
-        (None, None) => "none".to_owned(),
+        (None, None) => format!("none{}", unjudged_shots(report)),
     };
     let passed = largest.is_none_or(|overlay| overlay.solid_angle_steradians <= most_steradians);
     (passed, value)
@@ -56,7 +56,22 @@ fn spoils(overlay: &Overlay, thresholds: &Thresholds) -> bool {
     overlay.class.spoils_geometry() && lasts
 }
 
-fn described(overlay: &Overlay) -> String {
+/// Returns the number of shots in which too little moved for a judgement, in words; empty if all were judged.
+fn unjudged_shots(report: &OverlayReport) -> String {
+    let shots = |is_judged: bool| -> u32 {
+        let spans = report.spans.iter();
+        (spans.filter(|span| span.is_judged || !is_judged))
+            .map(|span| span.shots)
+            .sum()
+    };
+    let (all, judged) = (shots(false), shots(true));
+    match all - judged {
+        0 => String::new(),
+        unjudged => format!("; {unjudged} of {all} shots too short or still to be judged"),
+    }
+}
+
+fn described(overlay: &Overlay, report: &OverlayReport) -> String {
     let seen = overlay
         .sightings
         .as_ref()
@@ -66,13 +81,39 @@ fn described(overlay: &Overlay) -> String {
                 sightings.seen_frames, sightings.looked_at_frames
             )
         });
+    let times = match overlay.ranges.as_slice() {
+        [] => String::new(),
+        [first, ..] => {
+            let seconds: f64 = (overlay.ranges.iter())
+                .map(TimeRange::duration_seconds)
+                .sum();
+            format!(", for {seconds:.1} s from {:.1} s on", first.begin_seconds)
+        }
+    };
+    let shots = match report.spans.len() {
+        0 | 1 => String::new(),
+        _ => in_shots(overlay, report),
+    };
     format!(
-        "{} of {:.4} sr at longitude {:.0}, latitude {:.0} degrees{seen}",
+        "{} of {:.4} sr at longitude {:.0}, latitude {:.0} degrees{times}{shots}{seen}",
         overlay.class.name(),
         overlay.solid_angle_steradians,
         overlay.longitude_degrees,
         overlay.latitude_degrees
     )
+}
+
+/// Returns the numbers of the shots in which an overlay stays, from 0; empty for one that is seen in single frames.
+fn in_shots(overlay: &Overlay, report: &OverlayReport) -> String {
+    let name = |span: &OverlaySpan| match span.shots {
+        1 => span.first_shot.to_string(),
+        shots => format!("{}-{}", span.first_shot, span.first_shot + shots - 1),
+    };
+    let names: Vec<String> = report.spans_of(overlay).map(name).collect();
+    match names.is_empty() {
+        true => String::new(),
+        false => format!(" (shots {})", names.join(", ")),
+    }
 }
 
 #[cfg(test)]
@@ -99,6 +140,7 @@ mod tests {
                 reach_degrees: 10.0,
                 block_pixels: 16.0,
             }),
+            ranges: Vec::new(),
         }
     }
 
@@ -115,6 +157,7 @@ mod tests {
                 unjudged: Some("nothing moved".to_owned()),
                 moving_steps: 0,
                 overlays: vec![moving_mosaic(steradians, seen_frames)],
+                spans: Vec::new(),
             };
             let (passed, value) = judged(&report, &OMNILIFE360.thresholds, 0.02);
             assert_eq!(passed, passes, "{steradians} sr, {seen_frames} frames");
@@ -124,5 +167,39 @@ mod tests {
         // Without a named share no mosaic is allowed.
         let anywhere = Thresholds::default();
         assert!(spoils(&moving_mosaic(0.03, 3), &anywhere));
+    }
+
+    fn span(first_shot: u32, is_judged: bool) -> OverlaySpan {
+        let begin = 10.0 * f64::from(first_shot);
+        OverlaySpan {
+            range: TimeRange::new(begin, begin + 9.0),
+            first_shot,
+            shots: 1,
+            moving_steps: if is_judged { 20 } else { 3 },
+            is_judged,
+        }
+    }
+
+    #[test]
+    fn shots_of_a_find_and_those_not_judged_are_named() {
+        let watermark = Overlay {
+            class: OverlayClass::Watermark,
+            sightings: None,
+            ranges: vec![TimeRange::new(10.0, 19.0)],
+            ..moving_mosaic(0.05, 0)
+        };
+        let mut report = OverlayReport {
+            unjudged: None,
+            moving_steps: 23,
+            overlays: vec![watermark],
+            spans: vec![span(0, false), span(1, true), span(2, true)],
+        };
+        let (passed, value) = judged(&report, &OMNILIFE360.thresholds, 0.02);
+        assert!(!passed);
+        assert!(value.contains("(shots 1)"), "{value}");
+        report.overlays.clear();
+        let (passed, value) = judged(&report, &OMNILIFE360.thresholds, 0.02);
+        assert!(passed);
+        assert!(value.contains("1 of 3 shots"), "{value}");
     }
 }

@@ -127,6 +127,7 @@ impl MosaicPass {
                 reach_degrees: reach.to_degrees(),
                 block_pixels: statistics::median(&blocks)?,
             }),
+            ranges: Vec::new(),
         })
     }
 }

@@ -147,6 +147,7 @@ fn nadir_patch(grid: &Grid, stability: &Stability) -> Option<(Overlay, f64)> {
             / area,
         saturated_share: extreme / area,
         sightings: None,
+        ranges: Vec::new(),
     };
     Some((overlay, grid.latitude(top).to_degrees()))
 }
@@ -346,6 +347,7 @@ impl Region {
             variation_levels: variation / area,
             saturated_share: extreme / area,
             sightings: None,
+            ranges: Vec::new(),
         })
     }
 }

@@ -1,8 +1,15 @@
 //! Per-pixel stability of the image while the scene moves.
 
+use omnilife_schemas::records::{Boundary, Overlay, TimeRange};
 use omnilife_video::Rgb8Image;
 
-use super::windows::{StepPixel, WindowPass};
+use super::{
+    LEAST_MOVING_STEPS,
+    cuts::CutSignal,
+    parts::{self, Part, Parts},
+    regions,
+    windows::{StepPixel, WindowPass},
+};
 
 /// Interval of the examined frames, seconds: long enough for a walking camera to move the image, short enough for a
 /// caption to last.
@@ -14,17 +21,37 @@ const STAYED_SHARE: f32 = 0.35;
 /// The scene moved between two frames when at most this share of the detail stayed.
 const STILL_SHARE: f64 = 0.5;
 
-/// Accumulates over a video; memory does not grow with its length.
+/// Accumulates over a video; memory does not grow with its length, except for the finds of windows.
 #[derive(Debug, Default)]
 pub struct OverlayPass {
     width: usize,
     height: usize,
     next_seconds: Option<f64>,
     last: Vec<Sample>,
-    sums: Vec<Sums>,
+    last_seconds: f64,
+    cuts: CutSignal,
+    parts: Parts<StepSums>,
+    /// Compared pairs of frames of the whole video.
     steps: u32,
-    moving_steps: u32,
     windows: WindowPass,
+}
+
+/// Frames of a shot, or of several that are judged together.
+#[derive(Debug, Clone)]
+pub(super) struct Piece {
+    /// From its first looked-at frame to its last.
+    pub(super) range: TimeRange,
+    pub(super) moving_steps: u32,
+    /// Regions that stay; `None` if too few steps moved.
+    pub(super) overlays: Option<Vec<Overlay>>,
+}
+
+/// All pixels over some steps.
+#[derive(Debug, Default)]
+struct StepSums {
+    moving_steps: u32,
+    /// Empty before the scene moves.
+    pixels: Vec<Sums>,
 }
 
 /// One pixel of one frame.
@@ -89,21 +116,29 @@ impl OverlayPass {
         self.next_seconds = Some(time_seconds + STEP_SECONDS);
         let samples = samples(image);
         // A change of size restarts it.
-        if (image.width, image.height) != (self.width, self.height) {
+        let is_first = (image.width, image.height) != (self.width, self.height);
+        if is_first {
             *self = Self {
                 width: image.width,
                 height: image.height,
                 next_seconds: self.next_seconds,
-                sums: vec![Sums::default(); samples.len()],
-                last: samples,
                 ..Self::default()
             };
-            return;
         }
+        let cut = self.cuts.candidate(image.width, levels(&samples));
+        if !is_first {
+            self.compare(time_seconds, &samples, cut);
+        }
+        self.last = samples;
+        self.last_seconds = time_seconds;
+    }
+
+    /// Adds the step from the last frame to this one, with the score of a candidate cut between them.
+    fn compare(&mut self, time_seconds: f64, samples: &[Sample], cut: Option<f64>) {
         self.steps += 1;
         let mut detailed = 0_u64;
         let mut stayed = 0_u64;
-        for (before, now) in self.last.iter().zip(&samples) {
+        for (before, now) in self.last.iter().zip(samples) {
             let strength = before.strength().max(now.strength());
             if strength >= DETAIL_LEVELS {
                 detailed += 1;
@@ -111,18 +146,17 @@ impl OverlayPass {
             }
         }
         let is_moving = (stayed as f64) <= STILL_SHARE * detailed as f64 && detailed > 0;
-        if is_moving {
-            self.moving_steps += 1;
-            for ((sums, before), now) in self.sums.iter_mut().zip(&self.last).zip(&samples) {
-                sums.add(before, now);
+        let range = TimeRange::new(self.last_seconds, time_seconds);
+        self.parts.add(range, cut, |sums| {
+            if is_moving {
+                sums.add(&self.last, samples);
             }
-        }
+        });
         let step = is_moving.then(|| {
-            let pixels = self.last.iter().zip(&samples);
+            let pixels = self.last.iter().zip(samples);
             pixels.map(|(before, now)| step(before, now)).collect()
         });
-        self.windows.add(step, self.width);
-        self.last = samples;
+        self.windows.add(range, step, self.width);
     }
 
     /// Returns what was seen over two steps.
@@ -135,19 +169,55 @@ impl OverlayPass {
         self.steps
     }
 
-    /// Returns the number of those between which the scene moved.
-    pub(super) fn moving_steps(&self) -> u32 {
-        self.moving_steps
+    /// Returns the judged shots in order of time; empty without a compared pair of frames.
+    pub(super) fn pieces(&self, boundaries: &[Boundary]) -> Vec<Piece> {
+        self.parts.by_shot(boundaries, |shot| self.piece(shot))
     }
 
-    /// Returns `None` before the scene has moved.
-    pub(super) fn stability(&self) -> Option<Stability> {
-        let count = self.moving_steps as f32;
-        (self.moving_steps > 0).then(|| Stability {
+    fn piece(&self, shot: &Part<StepSums>) -> Piece {
+        let is_judged = shot.sums.moving_steps >= LEAST_MOVING_STEPS;
+        Piece {
+            range: shot.range,
+            moving_steps: shot.sums.moving_steps,
+            overlays: is_judged.then(|| regions::find(&self.stability(&shot.sums))),
+        }
+    }
+
+    fn stability(&self, sums: &StepSums) -> Stability {
+        let count = sums.moving_steps as f32;
+        Stability {
             width: self.width,
             height: self.height,
-            pixels: self.sums.iter().map(|sums| sums.stability(count)).collect(),
-        })
+            pixels: sums
+                .pixels
+                .iter()
+                .map(|sums| sums.stability(count))
+                .collect(),
+        }
+    }
+}
+
+impl StepSums {
+    /// Adds a step between two frames.
+    fn add(&mut self, before: &[Sample], now: &[Sample]) {
+        self.moving_steps += 1;
+        self.pixels.resize(now.len(), Sums::default());
+        for ((sums, before), now) in self.pixels.iter_mut().zip(before).zip(now) {
+            sums.add(before, now);
+        }
+    }
+}
+
+impl parts::Sums for StepSums {
+    fn join(&mut self, later: &Self) {
+        self.moving_steps += later.moving_steps;
+        if self.pixels.is_empty() {
+            self.pixels.clone_from(&later.pixels);
+            return;
+        }
+        for (sums, later) in self.pixels.iter_mut().zip(&later.pixels) {
+            sums.join(later);
+        }
     }
 }
 
@@ -167,6 +237,18 @@ impl Sums {
                 self.stayed = self.stayed.saturating_add(1);
             }
         }
+    }
+
+    fn join(&mut self, later: &Self) {
+        for axis in 0..2 {
+            self.gradient[axis] += later.gradient[axis];
+            self.absolute[axis] += later.absolute[axis];
+        }
+        self.strength += later.strength;
+        self.level += later.level;
+        self.level_squared += later.level_squared;
+        self.detailed = self.detailed.saturating_add(later.detailed);
+        self.stayed = self.stayed.saturating_add(later.stayed);
     }
 
     fn stability(&self, count: f32) -> PixelStability {
@@ -209,6 +291,10 @@ fn step(before: &Sample, now: &Sample) -> StepPixel {
     }
 }
 
+fn levels(samples: &[Sample]) -> impl Iterator<Item = f32> {
+    samples.iter().map(|sample| sample.level)
+}
+
 fn samples(image: &Rgb8Image) -> Vec<Sample> {
     let (width, height) = (image.width, image.height);
     let levels: Vec<f32> = image
@@ -232,4 +318,66 @@ fn samples(image: &Rgb8Image) -> Vec<Sample> {
             }
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{parts::Sums as _, *};
+
+    /// Levels of a frame of 64 x 32 pixels, others in every frame.
+    fn frame(number: usize) -> Vec<Sample> {
+        let level = |at: usize| {
+            let mixed = (at + 1).wrapping_mul(2_654_435_761) ^ (number + 1).wrapping_mul(40_503);
+            let mixed = mixed.wrapping_mul(mixed | 1);
+            ((mixed >> 13) % 200) as u8
+        };
+        let data = (0..64 * 32).flat_map(|at| [level(at); 3]).collect();
+        samples(&Rgb8Image::new(64, 32, data))
+    }
+
+    fn summed(frames: &[Vec<Sample>]) -> StepSums {
+        let mut sums = StepSums::default();
+        for pair in frames.windows(2) {
+            sums.add(&pair[0], &pair[1]);
+        }
+        sums
+    }
+
+    /// Halves of no steps, of one, and of many.
+    #[test]
+    fn joined_sums_are_those_of_all_steps() {
+        let frames: Vec<Vec<Sample>> = (0..9).map(frame).collect();
+        let whole = summed(&frames);
+        for cut in [0, 1, 4, 8] {
+            let mut joined = StepSums::default();
+            joined.join(&summed(&frames[..=cut]));
+            joined.join(&summed(&frames[cut..]));
+            assert_eq!(joined.moving_steps, whole.moving_steps);
+            assert_eq!(joined.pixels.len(), whole.pixels.len());
+            for (one, other) in joined.pixels.iter().zip(&whole.pixels) {
+                let near = |one: f32, other: f32, scale: f32| {
+                    assert!(
+                        (one - other).abs() <= 1e-6 * scale,
+                        "{one} {other} at {cut}"
+                    );
+                };
+                for axis in 0..2 {
+                    near(
+                        one.gradient[axis],
+                        other.gradient[axis],
+                        other.absolute[axis],
+                    );
+                    near(
+                        one.absolute[axis],
+                        other.absolute[axis],
+                        other.absolute[axis],
+                    );
+                }
+                near(one.strength, other.strength, other.strength);
+                near(one.level, other.level, other.level);
+                near(one.level_squared, other.level_squared, other.level_squared);
+                assert_eq!((one.detailed, one.stayed), (other.detailed, other.stayed));
+            }
+        }
+    }
 }

@@ -1,11 +1,13 @@
 //! Passing captions: strokes that stay over two steps, in two windows at least, while their surroundings move.
 //!
-//! Over a whole video a caption averages out. Two steps are less than a second, and lie within one shot: nothing but what
-//! is painted over the image stays across a cut. Letters have many strong strokes close together.
+//! Over a whole shot a caption averages out; two steps are less than a second. Letters have many strong strokes close
+//! together. Windows over a boundary do not count, and sightings count within one shot alone.
 
-use omnilife_schemas::records::{Overlay, OverlayClass, Sightings};
+use omnilife_schemas::records::{Boundary, Overlay, OverlayClass, Sightings, TimeRange};
 
-use super::{moving_mosaics::is_at_same_place, regions::Grid, surroundings};
+use super::{
+    by_shot, moving_mosaics::is_at_same_place, parts::shot_at, regions::Grid, surroundings,
+};
 
 /// Least mean gradient of a stroke, 8-bit levels per pixel.
 const LEAST_STROKE: f32 = 16.0;
@@ -19,7 +21,7 @@ const LEAST_STROKE_STERADIANS: f64 = 6e-3;
 const LARGEST_LATITUDE_DEGREES: f64 = 60.0;
 /// Least number of windows in which a caption is seen. A skyline far ahead stays for one while the near things move.
 const LEAST_SIGHTINGS: u32 = 2;
-/// Share of all windows from which on a caption is a sign that stays.
+/// Share of a shot's windows from which on a caption is a sign that stays.
 const LASTING_SHARE: f64 = 0.8;
 
 /// One pixel over a step, between two frames.
@@ -45,63 +47,109 @@ impl StepPixel {
     }
 }
 
-/// Sightings of captions in windows of two steps.
+/// Sightings of captions in windows of two steps. Keeps the times of every window.
 #[derive(Debug, Default)]
 pub(super) struct WindowPass {
-    last: Option<Vec<StepPixel>>,
-    windows: u32,
+    last: Option<(TimeRange, Vec<StepPixel>)>,
+    windows: Vec<TimeRange>,
+    /// Finds, each with the time of its window as its range.
     seen: Vec<Overlay>,
 }
 
 impl WindowPass {
-    /// Adds a step between two frames; `None` if the scene did not move.
-    pub(super) fn add(&mut self, step: Option<Vec<StepPixel>>, width: usize) {
-        if let (Some(last), Some(now)) = (&self.last, &step) {
-            self.windows += 1;
-            self.seen.extend(find(last, now, width));
+    /// Adds a step between the frames at the ends of a range; `None` if the scene did not move.
+    pub(super) fn add(&mut self, range: TimeRange, step: Option<Vec<StepPixel>>, width: usize) {
+        if let (Some((before, last)), Some(now)) = (&self.last, &step) {
+            let window = TimeRange {
+                begin_seconds: before.begin_seconds,
+                end_seconds: range.end_seconds,
+            };
+            let found = find(last, now, width);
+            self.windows.push(window);
+            self.seen.extend(found.into_iter().map(|overlay| Overlay {
+                ranges: vec![window],
+                ..overlay
+            }));
         }
-        self.last = step;
+        self.last = step.map(|step| (range, step));
     }
 
-    /// Returns the captions, each once, with the windows in which it was seen.
-    pub(super) fn captions(&self) -> Vec<Overlay> {
-        let mut found: Vec<(Overlay, u32)> = Vec::new();
-        for seen in &self.seen {
-            match found
-                .iter_mut()
-                .find(|(known, _)| is_at_same_place(known, seen))
-            {
-                Some((known, count)) => {
-                    *count += 1;
-                    if seen.solid_angle_steradians > known.solid_angle_steradians {
-                        *known = seen.clone();
-                    }
-                }
-                None => found.push((seen.clone(), 1)),
+    /// Returns the captions, each once, with all windows and those in which it was seen.
+    pub(super) fn captions(&self, boundaries: &[Boundary]) -> Vec<Overlay> {
+        let is_in = |shot: usize, window: &TimeRange| {
+            [window.begin_seconds, window.end_seconds]
+                .iter()
+                .all(|&seconds| shot_at(boundaries, seconds) == shot)
+        };
+        let mut found = Vec::new();
+        for shot in 0..=boundaries.len() {
+            let windows = self.windows.iter().filter(|window| is_in(shot, window));
+            let seen = self
+                .seen
+                .iter()
+                .filter(|overlay| (overlay.ranges.iter()).all(|window| is_in(shot, window)));
+            for caption in captions_of_shot(seen, windows.count() as u32) {
+                by_shot::add(&mut found, caption);
             }
         }
-        let found = found
-            .into_iter()
-            .filter(|(_, count)| *count >= LEAST_SIGHTINGS);
-        let named = found.map(|(overlay, count)| {
-            let lasts = f64::from(count) >= LASTING_SHARE * f64::from(self.windows);
-            Overlay {
-                class: if lasts {
-                    OverlayClass::Watermark
-                } else {
-                    OverlayClass::Caption
-                },
-                sightings: Some(Sightings {
-                    seen_frames: count,
-                    looked_at_frames: self.windows,
-                    reach_degrees: 0.0,
-                    block_pixels: 0.0,
-                }),
-                ..overlay
-            }
-        });
-        named.collect()
+        // Classes are of the shot; limits on the time that a caption takes are of the video.
+        for sightings in (found.iter_mut()).filter_map(|caption| caption.sightings.as_mut()) {
+            sightings.looked_at_frames = self.windows.len() as u32;
+        }
+        found
     }
+}
+
+/// Returns the captions of one shot from its sightings, in order of time, among this many windows.
+fn captions_of_shot<'a>(seen: impl Iterator<Item = &'a Overlay>, windows: u32) -> Vec<Overlay> {
+    let mut found: Vec<(Overlay, u32)> = Vec::new();
+    for seen in seen {
+        match found
+            .iter_mut()
+            .find(|(known, _)| is_at_same_place(known, seen))
+        {
+            Some((known, count)) => {
+                *count += 1;
+                let ranges = spanned(&known.ranges, &seen.ranges);
+                if seen.solid_angle_steradians > known.solid_angle_steradians {
+                    *known = seen.clone();
+                }
+                known.ranges = ranges;
+            }
+            None => found.push((seen.clone(), 1)),
+        }
+    }
+    let found = found
+        .into_iter()
+        .filter(|(_, count)| *count >= LEAST_SIGHTINGS);
+    let named = found.map(|(overlay, count)| {
+        let lasts = f64::from(count) >= LASTING_SHARE * f64::from(windows);
+        Overlay {
+            class: if lasts {
+                OverlayClass::Watermark
+            } else {
+                OverlayClass::Caption
+            },
+            sightings: Some(Sightings {
+                seen_frames: count,
+                looked_at_frames: windows,
+                reach_degrees: 0.0,
+                block_pixels: 0.0,
+            }),
+            ..overlay
+        }
+    });
+    named.collect()
+}
+
+/// Returns the one range from the first instant of some to the last of others; empty without any.
+fn spanned(first: &[TimeRange], last: &[TimeRange]) -> Vec<TimeRange> {
+    let ends = first.first().zip(last.last());
+    let range = ends.map(|(first, last)| TimeRange {
+        begin_seconds: first.begin_seconds,
+        end_seconds: last.end_seconds,
+    });
+    range.into_iter().collect()
 }
 
 /// Finds the captions of two steps that follow each other.
@@ -174,6 +222,7 @@ fn caption<'a>(
         variation_levels: variation / area,
         saturated_share: extreme / area,
         sightings: None,
+        ranges: Vec::new(),
     })
 }
 
@@ -210,7 +259,7 @@ mod tests {
         for number in 0..9 {
             pass.observe(number as f64 * 0.4, &frame(number, is_shown(number)));
         }
-        pass.windows().captions()
+        pass.windows().captions(&[])
     }
 
     #[test]

@@ -157,6 +157,7 @@ mod tests {
             variation_levels: 0.0,
             saturated_share: 0.0,
             sightings: None,
+            ranges: Vec::new(),
         };
         let mask = overlays(&[overlay], 16, 8);
         let lower = mask

@@ -12,6 +12,7 @@
 
 mod commands;
 mod coverage;
+mod finds;
 mod marks;
 mod page;
 mod parts;

@@ -12,6 +12,7 @@ use omnilife_schemas::{
 use omnilife_video::Rgb8Image;
 
 use super::{
+    finds::{self, Find, MOST_FINDS},
     marks::{self, Mark},
     parts::{FrameFiles, Records},
 };
@@ -31,6 +32,8 @@ pub(super) struct Sheet {
     pub(super) frames: Vec<SheetFrame>,
     /// Classes of the overlays that are drawn.
     pub(super) overlays: Vec<OverlayClass>,
+    /// The largest of these overlays.
+    pub(super) finds: Vec<Find>,
     /// Reason why the overlays are not known.
     pub(super) fault: Option<String>,
 }
@@ -39,6 +42,8 @@ pub(super) struct SheetFrame {
     /// Number of the frame in its sequence.
     pub(super) number: usize,
     pub(super) time_seconds: f64,
+    /// True if an overlay stays at its time.
+    pub(super) has_overlay: bool,
     /// The drawn frame, or the reason why it cannot be shown.
     pub(super) shown: Result<Thumbnail, String>,
 }
@@ -58,20 +63,32 @@ impl Sheet {
     pub(super) fn draw(records: &Records) -> Self {
         let wraps = !records.is_pinhole();
         // Overlays are regions of panoramas.
-        let (overlays, fault) = match wraps.then(|| overlays(records)) {
+        let (mut overlays, fault) = match wraps.then(|| overlays(records)) {
             Some(Ok(overlays)) => (overlays, None),
             Some(Err(error)) => (Vec::new(), Some(error.for_records())),
             None => (Vec::new(), None),
         };
         let frames = records.frames();
-        let shown = spread(frames.len()).map(|number| SheetFrame {
-            number,
-            time_seconds: frames[number].time_seconds,
-            shown: shown(&records.path, &frames[number], &overlays, wraps)
-                .map_err(|error| error.for_records()),
+        // Those of the other shots are on the sheets of their sequences.
+        overlays.retain(|overlay| finds::concerns(overlay, &frames));
+        let shown = spread(frames.len()).map(|number| {
+            let frame = &frames[number];
+            let is_shown = |overlay: &&Overlay| finds::is_shown(overlay, frame.time_seconds);
+            let here: Vec<Overlay> = overlays.iter().filter(is_shown).cloned().collect();
+            SheetFrame {
+                number,
+                time_seconds: frame.time_seconds,
+                has_overlay: !here.is_empty(),
+                shown: shown(&records.path, frame, &here, wraps)
+                    .map_err(|error| error.for_records()),
+            }
         });
+        let finds = overlays.iter().take(MOST_FINDS);
         Self {
             frames: shown.collect(),
+            finds: finds
+                .map(|overlay| Find::of(&records.path, &frames, overlay))
+                .collect(),
             overlays: overlays.iter().map(|overlay| overlay.class).collect(),
             fault,
         }

@@ -65,7 +65,7 @@ pub use masks::{MaskEntry, Masks};
 pub use object_results::{ClassResult, ClassSummary, ObjectResult, ObjectResults};
 pub use objects::{GraphObject, Objects};
 pub use operator::{CapKind, Operator, OperatorCap, OperatorFinding, Pole};
-pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
+pub use overlays::{Overlay, OverlayClass, OverlayReport, OverlaySpan, Sightings};
 pub use pose_scores::{PoseAlignment, PoseAuc, PoseDrift, PoseScores, RelativePoseError};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};

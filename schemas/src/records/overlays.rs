@@ -4,6 +4,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::sequence::TimeRange;
+
 /// All overlays of a video.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct OverlayReport {
@@ -13,6 +15,36 @@ pub struct OverlayReport {
     pub moving_steps: u32,
     /// Overlays, the largest first.
     pub overlays: Vec<Overlay>,
+    /// Shots, each judged alone, in order; empty in records of older versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub spans: Vec<OverlaySpan>,
+}
+
+/// Looked-at frames of a shot, or of several that are judged together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct OverlaySpan {
+    /// From its first looked-at frame to its last.
+    pub range: TimeRange,
+    /// Number of its first shot, from 0.
+    pub first_shot: u32,
+    /// Number of shots that it holds: above 1 if the pass saw no candidate cut at a boundary. Content that stays in
+    /// some of these shots alone is then missed or given the times of all.
+    pub shots: u32,
+    /// Looked-at pairs of frames in it between which the scene moved.
+    pub moving_steps: u32,
+    /// True if these are enough to tell what stays; false of a shot that is too short or still.
+    pub is_judged: bool,
+}
+
+impl OverlayReport {
+    /// Returns the spans in which an overlay stays, in order of time.
+    pub fn spans_of<'a>(&'a self, overlay: &'a Overlay) -> impl Iterator<Item = &'a OverlaySpan> {
+        let holds = |span: &TimeRange, range: &TimeRange| {
+            range.begin_seconds < span.end_seconds && span.begin_seconds < range.end_seconds
+        };
+        (self.spans.iter())
+            .filter(move |span| overlay.ranges.iter().any(|range| holds(&span.range, range)))
+    }
 }
 
 /// A region of the sphere that stays, or a mosaic that moves.
@@ -40,6 +72,10 @@ pub struct Overlay {
     /// Single frames in which a moving overlay was seen, or windows of two steps in which a passing one was. Position and
     /// size are then means over those.
     pub sightings: Option<Sightings>,
+    /// Times at which it stays, from the first looked-at frame to the last; empty for moving mosaics, which are seen in
+    /// single frames.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub ranges: Vec<TimeRange>,
 }
 
 /// The frames in which a moving mosaic was seen, or the windows in which a caption was.

@@ -8,6 +8,7 @@ use omnilife_schemas::records::{Annotation, PartStatus, SequencePart, SequenceSt
 use super::{SequenceImages, commands, counted, drawn, duration, percent};
 use crate::overview::{
     coverage::{self, Coverage},
+    finds::{Find, MOST_FINDS},
     marks::Mark,
     path::CameraPath,
     sheet::{Sheet, SheetFrame},
@@ -69,11 +70,41 @@ fn contact_sheet(status: &SequenceStatus, sheet: &Sheet) -> Markup {
             }
         }
         @if let Some(fault) = &sheet.fault { p.hint { "Overlays are not known: " (fault) } }
-        ol.sheet { @for frame in &sheet.frames { li { (shown_frame(status, sheet, frame)) } } }
+        ol.sheet { @for frame in &sheet.frames { li { (shown_frame(status, frame)) } } }
+        @if !sheet.finds.is_empty() {
+            p.hint {
+                "Overlays that were found"
+                @if sheet.overlays.len() > sheet.finds.len() {
+                    ", the largest " (MOST_FINDS) " of " (sheet.overlays.len())
+                }
+                ":"
+            }
+            ul.sheet { @for find in &sheet.finds { li { (shown_find(status, find)) } } }
+        }
     }
 }
 
-fn shown_frame(status: &SequenceStatus, sheet: &Sheet, frame: &SheetFrame) -> Markup {
+fn shown_find(status: &SequenceStatus, find: &Find) -> Markup {
+    let times = find.times.map_or_else(String::new, |range| {
+        format!(", {:.1} to {:.1} s", range.begin_seconds, range.end_seconds)
+    });
+    let title = format!("{}{times}", find.class.name());
+    html! {
+        figure {
+            @match &find.crop {
+                Some(Ok(crop)) => {
+                    img src=(crop.url) width=(crop.width) height=(crop.height) decoding="async"
+                        alt={ "Crop around the overlay of " (status.id) ": " (title) };
+                },
+                Some(Err(reason)) => p.fault { (reason) },
+                None => p.hint { "Between the sampled frames" },
+            }
+            figcaption { (title) }
+        }
+    }
+}
+
+fn shown_frame(status: &SequenceStatus, frame: &SheetFrame) -> Markup {
     let place = format!("Frame {}, {:.1} s", frame.number, frame.time_seconds);
     html! {
         figure {
@@ -81,7 +112,7 @@ fn shown_frame(status: &SequenceStatus, sheet: &Sheet, frame: &SheetFrame) -> Ma
                 Ok(shown) => {
                     @let masks = shown.masks.iter().filter(|(_, mask)| mask.marks_anything());
                     @let marked = masks.map(|(mark, _)| mark.word());
-                    @let overlay = (!sheet.overlays.is_empty()).then_some(Mark::Overlay.word());
+                    @let overlay = frame.has_overlay.then_some(Mark::Overlay.word());
                     @let regions = marked.chain(overlay).map(|word| format!(", {word} region marked"));
                     img src=(shown.url) width=(shown.width) height=(shown.height) decoding="async"
                         alt={ (place) " of " (status.id) (regions.collect::<String>()) };

@@ -17,7 +17,8 @@ use omnilife_schemas::{
 use crate::footage::{of_real_clip, support};
 
 fn reported(analysis: &Analysis) -> OverlayReport {
-    report(&analysis.overlays, &analysis.mosaics)
+    let boundaries = (DETECTORS[0].decide)(&analysis.signals).unwrap();
+    report(&analysis.overlays, &analysis.mosaics, &boundaries)
 }
 
 /// Largest artificial overlay, if there is a prominent one.
