@@ -50,7 +50,7 @@ impl SizeLimit {
 
     /// Cuts the Gaussians that are too large for a view, in the model and as activated for the view, and forgets
     /// the first moments of the axes that it cuts.
-    pub(super) fn cut(&self, model: &mut Model, activated: &mut ActivatedGaussians, view: &View) {
+    pub(super) fn cut(self, model: &mut Model, activated: &mut ActivatedGaussians, view: &View) {
         let ActivatedGaussians {
             positions,
             scales,
@@ -82,7 +82,7 @@ impl SizeLimit {
     }
 
     /// Returns the distance of a Gaussian that a view would draw if it were smaller.
-    fn exceeded(&self, view: &View, position: [f32; 3], [x, y, z]: [f32; 3]) -> Option<f32> {
+    fn exceeded(self, view: &View, position: [f32; 3], [x, y, z]: [f32; 3]) -> Option<f32> {
         let offset = Vec3::from_array(position) - view.centre;
         let distance = offset.length();
         let is_too_large = x.max(y).max(z) >= distance;

@@ -23,7 +23,7 @@ fn cut_sizes(
     let point = to_camera(gaussians[entry].position - view.centre);
     let distance = length(point);
     let is_too_large = max(max(scale.x, scale.y), scale.z) >= distance;
-    if !is_too_large || opacity < ALPHA_MIN || !is_finite(distance) || !sees(point, distance) {
+    if !is_too_large || !(opacity >= ALPHA_MIN) || !is_finite(distance) || !sees(point, distance) {
         return;
     }
     let limit = CUT_SHARE * distance;
