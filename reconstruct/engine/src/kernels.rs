@@ -147,6 +147,11 @@ pub const KERNELS: &[KernelTwins] = &[
         "density/mod.rs",
         Some("step/opacity_reset.wgsl"),
     ),
+    twins(
+        "limit of sizes",
+        "step/size_limit.rs",
+        Some("step/size_limit.wgsl"),
+    ),
 ];
 
 #[cfg(test)]

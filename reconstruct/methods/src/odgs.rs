@@ -31,7 +31,9 @@ pub const METHOD: Method = Method {
                   wrap around the seam, half-pixel centres and SH degree 0. Departures: schedules \
                   scale with the iterations (no opacity resets below 5,000, densification once an \
                   epoch at most); sizes are relative to the distance from the nearest camera, and \
-                  those above half of it are pruned from the beginning; first sizes stay within a \
+                  those above half of it are pruned from the beginning; before each step the axes of \
+                  Gaussians that its view would leave out for their size are cut to that half; \
+                  first sizes stay within a \
                   factor of 10 of their median; position steps are relative to the median distance \
                   of the points, the near limit to the cameras' steps; SSIM wraps around the seam; \
                   the densification threshold is that of 3DGS (2e-4); the number of Gaussians is \

@@ -7,10 +7,11 @@ use omnilife_schemas::{
 
 use crate::{
     devices::DeviceKind,
+    largest_or_nan,
     special::{CaseResult, HostOnly, Runs, SpecialCase},
 };
 use omnilife_engine::{camera::View, model::Part, training_view::TrainingView};
-use omnilife_methods::omni4dgs_plus;
+use omnilife_methods::{odgs, omni4dgs, omni4dgs_plus, periodic};
 use omnilife_reconstruct::registry::METHODS;
 use omnilife_training::{
     components::MotionEvidenceUse,
@@ -71,13 +72,53 @@ pub(super) const CASES: &[SpecialCase] = &[
         id: "two-cameras-in-one-place",
         title: "training on pairs of cameras in one place that look two ways",
         runs: Runs::OnBoth,
-        judge: |device| learn(device.kind(), scene_of(FRAMES).map(in_pairs), 300, 0.5),
+        judge: |device| {
+            learn(
+                &OWN,
+                device.kind(),
+                scene_of(FRAMES).map(in_pairs),
+                300,
+                0.5,
+            )
+        },
     },
     SpecialCase {
         id: "dark-clip",
         title: "training on a clip of a twentieth of full brightness",
         runs: Runs::OnBoth,
-        judge: |device| learn(device.kind(), scene_of(FRAMES).map(darkened), 300, 1.0),
+        judge: |device| {
+            learn(
+                &OWN,
+                device.kind(),
+                scene_of(FRAMES).map(darkened),
+                300,
+                1.0,
+            )
+        },
+    },
+    SpecialCase {
+        id: "one-colour",
+        title: "training on a clip of one colour, half of the time without density control",
+        runs: Runs::OnCpu(HostOnly::Duration),
+        judge: |device| {
+            let scene = scene_of(FRAMES).map(|scene| of_one_level(scene, GREY));
+            learn(&ALL, device.kind(), scene, 800, 1.0 / f64::from(GREY))
+        },
+    },
+    SpecialCase {
+        id: "white-clip",
+        title: "training on a clip that is white all over",
+        runs: Runs::OnCpu(HostOnly::Duration),
+        judge: |device| {
+            let scene = scene_of(FRAMES).map(|scene| of_one_level(scene, u8::MAX));
+            learn(&ALL, device.kind(), scene, 800, 1.0 / 255.0)
+        },
+    },
+    SpecialCase {
+        id: "frames-500",
+        title: "training on 500 frames with 400 Gaussians",
+        runs: Runs::OnCpu(HostOnly::Duration),
+        judge: |device| learn(&ALL, device.kind(), scene_of(500), 300, 0.3),
     },
     SpecialCase {
         id: "long-training",
@@ -131,9 +172,27 @@ fn darkened(mut scene: TrainingScene) -> TrainingScene {
     scene
 }
 
-/// Trains a clip with all components; the error is the mean difference of the images of all views, over their mean
-/// level.
+/// Level of a clip of one colour; its points have the level 128.
+const GREY: u8 = 60;
+/// Ids of methods that learn a clip: this project's own, and those that train as many Gaussians as fast.
+const OWN: [&str; 1] = [omni4dgs_plus::METHOD.id];
+const ALL: [&str; 4] = [
+    odgs::METHOD.id,
+    periodic::METHOD.id,
+    omni4dgs::METHOD.id,
+    omni4dgs_plus::METHOD.id,
+];
+
+fn of_one_level(mut scene: TrainingScene, level: u8) -> TrainingScene {
+    for view in &mut scene.input_views {
+        view.pixels.fill(level);
+    }
+    scene
+}
+
+/// Trains a clip by each method, with all components; the error is the largest of theirs ([`error_of`]).
 fn learn(
+    ids: &[&str],
     kind: DeviceKind,
     scene: Option<TrainingScene>,
     iterations: u64,
@@ -142,38 +201,46 @@ fn learn(
     let Some(scene) = scene else {
         return CaseResult::failed("the scene has a camera without a place");
     };
+    let mut worst = 0.0_f64;
+    for method in METHODS.iter().filter(|method| ids.contains(&method.id)) {
+        match error_of(method, kind, &scene, iterations) {
+            Ok(error) => worst = largest_or_nan(worst, error),
+            Err(reason) => return CaseResult::failed(format!("{}: {reason}", method.id)),
+        }
+    }
+    let action = format!(
+        "{}: the images of all views, relative to their mean level",
+        ids.join(", ")
+    );
+    CaseResult::of_errors(&action, Some([worst, limit]), None)
+}
+
+/// Returns the mean difference of the images of all views after training, over their mean level.
+fn error_of(
+    method: &Method,
+    kind: DeviceKind,
+    scene: &TrainingScene,
+    iterations: u64,
+) -> Result<f64, String> {
     let request = MethodRequest {
         plan: PlanChoice::Full,
         options: Options::at_most(400),
         ..MethodRequest::new(iterations, 7)
     };
     let session = session(kind);
-    let mut outcome = match omni4dgs_plus::METHOD.train(&scene, &request, &session) {
-        Ok(outcome) => outcome,
-        Err(error) => return CaseResult::failed(error),
-    };
+    let trained = method.train(scene, &request, &session);
+    let mut outcome = trained.map_err(|error| error.to_string())?;
     let (mut off, mut level) = (0.0, 0.0);
     for view in &scene.input_views {
-        let image = match outcome.learner.image(&view.view) {
-            Ok(image) => image,
-            Err(error) => return CaseResult::failed(error),
-        };
+        let image = outcome.learner.image(&view.view);
+        let image = image.map_err(|error| error.to_string())?;
         for (&found, &byte) in image.data.iter().zip(&view.pixels) {
             let expected = f64::from(byte) / 255.0;
             off += (f64::from(found) - expected).abs();
             level += expected;
         }
     }
-    fault_in(outcome).map_or_else(
-        || {
-            CaseResult::of_errors(
-                "the images of all views, relative to their mean level",
-                Some([off / level, limit]),
-                None,
-            )
-        },
-        CaseResult::failed,
-    )
+    fault_in(outcome).map_or(Ok(off / level), Err)
 }
 
 /// Maximum loss at the end of a run, over that at its start.

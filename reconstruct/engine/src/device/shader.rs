@@ -72,7 +72,7 @@ mod tests {
         losses::{maps, motion, photometric, scaffold},
         parameters::{adam, rows},
         render::{bin, buffers, project, raster, sort},
-        step::gpu::{fused_adam, kernels, opacity_reset},
+        step::gpu::{fused_adam, kernels, opacity_reset, size_limit},
         surfaces,
     };
 
@@ -116,6 +116,7 @@ mod tests {
                 raster::gpu::shader(shape, PixelSums::Splats),
                 kernels::shader(shape),
                 fused_adam::shader(shape),
+                size_limit::shader(shape),
                 project::by_camera::gpu::shader(shape),
             ]);
         }

@@ -12,6 +12,7 @@ use super::{
     pose_refinement::{self, PoseRefinement},
     settings::TrainSettings,
     shards::{ShardMemory, Shards},
+    size_limit::SizeLimit,
 };
 use crate::{
     EngineError,
@@ -47,6 +48,7 @@ pub struct CpuStepper<'a> {
     dynamic: Option<DynamicLosses>,
     pub(super) exposure: Option<Exposure>,
     dropout: Option<Dropout>,
+    size_limit: Option<SizeLimit>,
     response: Option<ResponseSettings>,
     response_memory: ResponseMemory,
     pose_refinement: Option<PoseRefinement>,
@@ -72,6 +74,7 @@ impl<'a> CpuStepper<'a> {
             inputs,
             ssim_weight: settings.ssim_weight,
             arrays: model.trained_arrays(),
+            size_limit: SizeLimit::of(&model, settings),
             model,
             renderer: CpuRenderer::new(settings.renderer, settings.rendering),
             activated: ActivatedGaussians::default(),
@@ -293,6 +296,9 @@ impl Stepper for CpuStepper<'_> {
         let dropout = dropout.map(|all| all.of_step(schedule.iteration, schedule.scheduled));
         if let Some(dropout) = dropout {
             dropout.drop_out(&mut self.activated);
+        }
+        if let Some(limit) = self.size_limit {
+            limit.cut(&mut self.model, &mut self.activated, &drawn);
         }
         let (mut total, squared_error) = self.differentiate(number, &drawn, &at, schedule);
         let by_pose = PoseRefinement::gradient(

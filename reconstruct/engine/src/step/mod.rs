@@ -8,6 +8,7 @@ pub mod memory;
 pub mod pose_refinement;
 pub mod settings;
 pub mod shards;
+mod size_limit;
 
 use std::{fmt, sync::Arc};
 

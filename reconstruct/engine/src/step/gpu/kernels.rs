@@ -31,8 +31,10 @@ use crate::{
             dynamic_losses::DynamicKernels,
             fused_adam::FusedAdam,
             opacity_reset::OpacityResets,
+            size_limit::SizeLimits,
         },
         settings::TrainSettings,
+        size_limit::SizeLimit,
     },
     training_view::InputViews,
 };
@@ -124,6 +126,8 @@ pub(super) struct StepKernels {
     adam: Adam,
     /// The kernel that stands for those from the gradients by splats to Adam, if chosen.
     fused: Option<FusedAdam>,
+    /// The limit of sizes, where the renderer leaves some out.
+    size_limits: Option<SizeLimits>,
     opacity_resets: OpacityResets,
     pub(super) density: DensityKernels,
     pub(super) row_mover: RowMover,
@@ -193,6 +197,9 @@ impl StepKernels {
                 true => Some(FusedAdam::new(&gpu, &shape)?),
                 false => None,
             },
+            size_limits: SizeLimit::of(model, settings)
+                .map(|_| SizeLimits::new(&gpu, &shape))
+                .transpose()?,
             opacity_resets: OpacityResets::new(&gpu)?,
             density: DensityKernels::new(&gpu, inputs.views)?,
             row_mover: RowMover::new(&gpu)?,
@@ -230,7 +237,7 @@ impl StepKernels {
         let rows = &chain.buffers.rows;
         let dropout =
             dropout.map(|(dropout, kernels)| kernels.record(&gpu, *dropout, (activated, rows)));
-        let losses = self.record_losses(&chain)?;
+        let losses = self.record_losses(&parts, &chain)?;
         let alone = match &mut self.dynamic {
             Some(dynamic) => dynamic.alone(&gpu, (&parts, &chain), &self.target, &self.terms)?,
             None => None,
@@ -276,11 +283,14 @@ impl StepKernels {
         row
     }
 
-    /// Records rendering and the losses on the image.
-    fn record_losses(&self, chain: &Chain) -> Result<Program, GpuError> {
+    /// Records the limit of sizes, rendering, and the losses on the image.
+    fn record_losses(&self, parts: &[DevicePart], chain: &Chain) -> Result<Program, GpuError> {
         let gpu = &*self.gpu;
         let mut program = Program::default();
         program.clear(&self.terms.sum.raw);
+        if let Some(limits) = &self.size_limits {
+            limits.record(gpu, &mut program, parts, &chain.buffers);
+        }
         program.append(&chain.forward);
         let image = &chain.buffers.image;
         program.begin_stage("loss");

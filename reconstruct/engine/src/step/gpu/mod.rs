@@ -20,6 +20,7 @@ pub mod memory;
 pub(crate) mod opacity_reset;
 mod room;
 pub mod single_kernels;
+pub(crate) mod size_limit;
 
 use std::{collections::VecDeque, sync::Arc};
 
