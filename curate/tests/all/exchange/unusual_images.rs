@@ -151,3 +151,42 @@ fn what_asks_to_be_turned_is_turned_once() {
         "read as it is, it is refused"
     );
 }
+
+/// Separators of Windows and names without endings lead to the files that are there, with a line.
+#[test]
+fn names_of_other_systems_are_found() {
+    let foreign = Foreign::new([32, 16], &[("images/a.png", 1), ("images/b.png", 2)]);
+    let text = transforms(&["images\\a.png", "images/b"]);
+    foreign.write("transforms.json", text);
+    let scene = foreign.import("nerfstudio").unwrap();
+    assert_eq!(foreign.shown(&scene), [(1, 0), (2, 10)]);
+    let problems = &scene.validation.problems;
+    let renamed = problems.iter().find(|line| line.contains("other names"));
+    assert!(
+        renamed.is_some_and(|line| line.contains("images\\a.png as images/a.png")
+            && line.contains("images/b as images/b.png")),
+        "{problems:?}"
+    );
+    // Two files of that name are no answer.
+    foreign.write("images/b.jpg", "another");
+    assert_eq!(foreign.import("nerfstudio").unwrap().frames.len(), 1);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_without_its_target_is_called_one() {
+    let foreign = Foreign::new([32, 16], &[("images/a.png", 1)]);
+    let link = foreign.path().join("in/images/b.png");
+    std::os::unix::fs::symlink("/nonexistent/b.png", &link).unwrap();
+    let names = ["images/a.png", "images/b.png"];
+    foreign.write("transforms.json", transforms(&names));
+    let problems = foreign.import("nerfstudio").unwrap().validation.problems;
+    let is_told = |line: &String| line.contains("link") && line.contains("images/b.png");
+    assert!(problems.iter().any(is_told), "{problems:?}");
+    foreign.write("transforms.json", transforms(&names[1..]));
+    let line = foreign.refusal("nerfstudio");
+    assert!(line.contains("a link whose target is missing"), "{line}");
+    let error = omnilife_schemas::image_file::ImageFile::open(&link).err();
+    let line = error.unwrap().to_string();
+    assert!(line.contains("a link whose target is missing"), "{line}");
+}
