@@ -1,6 +1,8 @@
 //! Images that programs see differently: transparent in places, or to be turned.
 
-use image::{DynamicImage, ImageFormat, RgbaImage};
+use image::{
+    DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, RgbaImage, codecs::png::PngEncoder,
+};
 
 use super::{foreign::Foreign, *};
 
@@ -189,4 +191,32 @@ fn a_link_without_its_target_is_called_one() {
     let error = omnilife_schemas::image_file::ImageFile::open(&link).err();
     let line = error.unwrap().to_string();
     assert!(line.contains("a link whose target is missing"), "{line}");
+}
+
+/// Profiles are not applied and 16 bits not kept, each with a line; the files are copied as they are.
+#[test]
+fn colours_that_are_lost_are_told() {
+    let foreign = Foreign::new([32, 16], &[("images/a.png", 1)]);
+    let deep = image::ImageBuffer::<image::Rgb<u16>, _>::new(32, 16);
+    deep.save(foreign.path().join("in/images/b.png")).unwrap();
+    let mut profiled = Vec::new();
+    let mut encoder = PngEncoder::new(&mut profiled);
+    // A profile without a description is of unknown colours.
+    encoder.set_icc_profile(vec![0; 132]).unwrap();
+    let pixels = vec![90_u8; 3 * 32 * 16];
+    let colour = ExtendedColorType::Rgb8;
+    encoder.write_image(&pixels, 32, 16, colour).unwrap();
+    foreign.write("images/c.png", &profiled);
+    let names = ["images/a.png", "images/b.png", "images/c.png"];
+    foreign.write("transforms.json", transforms(&names));
+    let scene = foreign.import("nerfstudio").unwrap();
+    let problems = &scene.validation.problems;
+    for (words, name) in [("colour profile", "c.png"), ("16 bits", "b.png")] {
+        let mut lines = problems.iter().filter(|line| line.contains(words));
+        let line = lines.next().unwrap();
+        assert!(line.starts_with("1 ") && line.ends_with(name), "{line}");
+        assert_eq!(lines.next(), None);
+    }
+    let copied = fs::read(foreign.path().join("out").join(&scene.frames[2].image));
+    assert_eq!(copied.unwrap(), profiled);
 }
