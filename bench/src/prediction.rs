@@ -12,6 +12,7 @@ use omnilife_schemas::{
     image_file::{self, NotPlain},
     npy,
     padded_frame::PaddedFrame,
+    plain_text,
     store::{self, StoreError},
 };
 
@@ -40,6 +41,8 @@ pub(crate) struct PredictionFolder {
     other_formats: BTreeMap<u32, String>,
     /// Frames that predictions may fill, whose padding is cut off.
     padded: Option<PaddedFrame>,
+    /// Images in place of the predictions, in words, where no frame has one.
+    seen: Option<String>,
     /// Images that are not the prediction of a scored frame.
     pub(crate) strays: Vec<String>,
 }
@@ -48,6 +51,7 @@ impl PredictionFolder {
     /// Lists a folder with predictions of `frames`.
     pub(crate) fn open(folder: &Path, frames: &[u32]) -> Result<Self, StoreError> {
         let mut found = Self::refused(folder, None);
+        let mut has_image = false;
         for name in store::names_in(folder)? {
             let Some((stem, is_read)) = image_stem(&name) else {
                 continue;
@@ -58,6 +62,7 @@ impl PredictionFolder {
                 continue;
             }
             if frames.iter().any(|&frame| name == file_name(frame)) {
+                has_image = true;
                 continue;
             }
             if let Some(&frame) = frames.iter().find(|&&frame| name == array_name(frame)) {
@@ -68,6 +73,9 @@ impl PredictionFolder {
                 found.other_names.insert(frame, name.clone());
             }
             found.strays.push(name);
+        }
+        if !has_image && found.arrays.is_empty() {
+            found.seen = seen_in(folder, &found.strays);
         }
         Ok(found)
     }
@@ -81,6 +89,7 @@ impl PredictionFolder {
             other_names: BTreeMap::new(),
             other_formats: BTreeMap::new(),
             padded: None,
+            seen: None,
             strays: Vec::new(),
         }
     }
@@ -157,10 +166,15 @@ impl PredictionFolder {
                 (io::ErrorKind::NotFound, Some(other)) => {
                     format!("{name} is missing; {other} is not its name")
                 }
-                (io::ErrorKind::NotFound, None) => match self.other_formats.get(&frame) {
-                    Some(other) => format!("{name} is missing; {other} must be PNG or .npy"),
-                    None => format!("{name} is missing"),
-                },
+                (io::ErrorKind::NotFound, None) => {
+                    match (self.other_formats.get(&frame), &self.seen) {
+                        (Some(other), _) => {
+                            format!("{name} is missing; {other} must be PNG or .npy")
+                        }
+                        (None, Some(seen)) => format!("{name} is missing; {seen}"),
+                        (None, None) => format!("{name} is missing"),
+                    }
+                }
                 (kind, _) => format!("{name} cannot be read: {kind}"),
             })?;
         if let Some(other) = other {
@@ -251,6 +265,25 @@ fn image_stem(name: &str) -> Option<(&str, bool)> {
     let is_read = is_one_of(&["png", "npy"]);
     let is_image = is_read || is_one_of(&OTHER_FORMATS);
     (is_image && !name.starts_with('.')).then_some((stem, is_read))
+}
+
+/// Returns the images of a folder without predictions in words: those with other names, or else those of the first of
+/// its folders with images; `None` without any.
+fn seen_in(folder: &Path, strays: &[String]) -> Option<String> {
+    if !strays.is_empty() {
+        return Some(format!("its folder holds {}", plain_text::first_of(strays)));
+    }
+    let mut names = store::names_in(folder).ok()?.into_iter();
+    names.find_map(|name| {
+        if name == DEPTH_FOLDER || name.starts_with('.') {
+            return None;
+        }
+        // Files have no names below them.
+        let mut images = store::names_in(&folder.join(&name)).unwrap_or_default();
+        images.retain(|image| image_stem(image).is_some());
+        let first = plain_text::first_of(&images);
+        (!images.is_empty()).then(|| format!("the folder {name} beside it holds {first}"))
+    })
 }
 
 fn read_npy(file: &Path, name: &str) -> Result<npy::Array, String> {

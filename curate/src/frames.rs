@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use omnilife_schemas::{
     RgbImage,
     layout::{FRAMES_FOLDER, MOTION_FOLDER},
+    plain_text::counted,
     progress::Progress,
     records::{Probe, Sampling, SphereLayout, TimeRange, VideoProjection},
     rgb,
@@ -176,6 +177,8 @@ struct FrameRequest {
     path: PathBuf,
     /// Width and height in pixels.
     size: (u32, u32),
+    /// False for a small frame in which motion is measured.
+    is_sampled: bool,
 }
 
 /// Returns the files of all selections in order of time, and creates their folders.
@@ -195,21 +198,35 @@ fn wanted_files(
         if !motion_times.is_empty() {
             store::create_folder(&folder.join(MOTION_FOLDER))?;
         }
-        let mut add = |times: &[f64], name: fn(usize) -> String, size| {
+        let mut add = |times: &[f64], name: fn(usize) -> String, size, is_sampled| {
             wanted.extend(times.iter().enumerate().map(|(index, &time_seconds)| {
                 let path = folder.join(name(index));
                 FrameRequest {
                     time_seconds,
                     path,
                     size,
+                    is_sampled,
                 }
             }));
         };
-        add(times, file_name, size);
-        add(motion_times, motion_file_name, (small, small / 2));
+        add(times, file_name, size, true);
+        add(motion_times, motion_file_name, (small, small / 2), false);
     }
     wanted.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));
     Ok(wanted)
+}
+
+/// Announces the extraction of files. Small frames in which motion is measured are told apart and not counted as steps.
+fn begin(wanted: &[FrameRequest], progress: &dyn Progress) {
+    let sampled = wanted.iter().filter(|wanted| wanted.is_sampled).count();
+    progress.begin("extracting frames", Some(sampled as u64));
+    let small = wanted.len() - sampled;
+    if small > 0 {
+        progress.status(&format!(
+            "{} and {small} for motion",
+            counted(sampled, "frame")
+        ));
+    }
 }
 
 /// Decodes a video once and writes the selected frames of all sequences at `size`, numbered from 0 in order of time.
@@ -230,7 +247,7 @@ pub fn extract(
     let mut converter = Converter::new(Scaling::Native);
     let mut to_erp = layout.map(ToErp::new);
     let turns = probe.clockwise_quarter_turns();
-    progress.begin("extracting frames", Some(wanted.len() as u64));
+    begin(&wanted, progress);
     let outcome: Result<(), CurateError> = (|| {
         let mut due = wanted.iter().peekable();
         while let Some(&&FrameRequest { time_seconds, .. }) = due.peek() {
@@ -258,7 +275,7 @@ pub fn extract(
             };
             while let Some(wanted) = due.next_if(is_shown) {
                 write_frame(&wanted.path, &image, wanted.size)?;
-                progress.advance(1);
+                progress.advance(u64::from(wanted.is_sampled));
             }
         }
         Ok(())
@@ -292,9 +309,52 @@ fn write_frame(path: &Path, image: &Rgb8Image, size: (u32, u32)) -> Result<(), C
 
 #[cfg(test)]
 mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use std::sync::Mutex;
+
     use proptest::prelude::*;
 
     use super::*;
+
+    /// Keeps the number of steps and the status.
+    #[derive(Default)]
+    struct Announced(Mutex<(Option<u64>, String)>);
+
+    impl Progress for Announced {
+        fn begin(&self, _: &str, total: Option<u64>) {
+            self.0.lock().unwrap().0 = total;
+        }
+        fn advance(&self, _: u64) {}
+        fn status(&self, text: &str) {
+            text.clone_into(&mut self.0.lock().unwrap().1);
+        }
+        fn end(&self) {}
+        fn note(&self, _: &str) {}
+    }
+
+    #[test]
+    fn frames_for_motion_are_no_steps_of_the_extraction() {
+        let announced = |sampled: usize, small: usize| {
+            let request = |is_sampled| FrameRequest {
+                time_seconds: 0.0,
+                path: PathBuf::new(),
+                size: (2, 1),
+                is_sampled,
+            };
+            let wanted = (0..sampled + small).map(|number| request(number < sampled));
+            let progress = Announced::default();
+            begin(&wanted.collect::<Vec<_>>(), &progress);
+            progress.0.into_inner().unwrap()
+        };
+        let (total, status) = announced(12, 48);
+        assert_eq!(total, Some(12));
+        assert!(
+            status.contains("12 frames") && status.contains("48"),
+            "{status}"
+        );
+        assert_eq!(announced(3, 0), (Some(3), String::new()));
+    }
 
     fn whole(times: &[f64]) -> TimeRange {
         TimeRange::new(times[0], times[times.len() - 1] + 1.0)

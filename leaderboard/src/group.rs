@@ -147,7 +147,7 @@ pub(crate) struct MethodRow<'a> {
     /// Scenes with a result of this method.
     pub(crate) scenes: usize,
     pub(crate) numbers: Numbers,
-    /// True if every scene of the group is included, with complete results.
+    /// True if every scene of the group is included, with complete results that leave no metric out for a quick look.
     pub(crate) complete: bool,
     /// The method of the group that this one is a variant of.
     pub(crate) whole: Option<&'a str>,
@@ -292,7 +292,7 @@ fn method_rows<'a>(
                 method,
                 class: rows[0].class,
                 scenes: rows.len(),
-                complete: rows.len() == scenes.len() && numbers.complete,
+                complete: rows.len() == scenes.len() && numbers.complete && !numbers.partial,
                 numbers,
                 whole: variants::whole_of(&by_method, method, is_ours),
                 confidence: Vec::new(),

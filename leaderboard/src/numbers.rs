@@ -33,6 +33,8 @@ pub(crate) struct Numbers {
     pub(crate) failed: bool,
     /// True if every result is complete.
     pub(crate) complete: bool,
+    /// True if a result leaves metrics of the protocol out for a quick look.
+    pub(crate) partial: bool,
     /// True if a warning of a result suspects another convention.
     pub(crate) suspect: bool,
     /// Fields of results with a stated number that was not measured.
@@ -78,6 +80,7 @@ impl Numbers {
             failures: result.failures.len(),
             failed: run.is_none(),
             complete: result.is_complete(),
+            partial: !result.left_out_metrics().is_empty(),
             suspect: result.warnings.iter().any(|line| is_diagnosis(line)),
             stated: statement.map_or_else(BTreeSet::new, |statement| {
                 statement.numbers.iter().cloned().collect()
@@ -106,6 +109,7 @@ impl Numbers {
             failures: parts.iter().map(|part| part.failures).sum(),
             failed: parts.iter().any(|part| part.failed),
             complete,
+            partial: parts.iter().any(|part| part.partial),
             suspect: parts.iter().any(|part| part.suspect),
             stated: parts.iter().flat_map(|part| part.stated.clone()).collect(),
             clocks: parts.iter().flat_map(|part| part.clocks.clone()).collect(),

@@ -66,6 +66,7 @@ pub(crate) struct Row {
 pub(crate) enum Mark {
     Incomplete,
     OtherBudget,
+    Partial,
     Suspect,
 }
 
@@ -78,6 +79,7 @@ impl Mark {
         let marks = [
             numbers.suspect.then_some(Self::Suspect),
             (!numbers.complete).then_some(Self::Incomplete),
+            numbers.partial.then_some(Self::Partial),
         ];
         marks.into_iter().flatten().collect()
     }
@@ -86,6 +88,7 @@ impl Mark {
         match self {
             Self::Incomplete => "†",
             Self::OtherBudget => "‡",
+            Self::Partial => "‖",
             Self::Suspect => "¶",
         }
     }
@@ -95,6 +98,7 @@ impl Mark {
         match self {
             Self::Incomplete => "The run failed or some views could not be scored",
             Self::OtherBudget => "Trained for other iterations than is usual in its class",
+            Self::Partial => "Metrics of the protocol were left out for a quick look",
             Self::Suspect => "Its scores speak for another convention, as a warning says",
         }
     }

@@ -208,6 +208,21 @@ impl<'a> ImageFile<'a> {
         data.map_err(|error| unusable(self.path, &error))
     }
 
+    /// Returns its ICC colour profile, if any.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn colour_profile(&mut self) -> Result<Option<Vec<u8>>, StoreError> {
+        let data = self.decoder.icc_profile();
+        data.map_err(|error| unusable(self.path, &error))
+    }
+
+    /// Returns true where its values have 16 bits.
+    pub fn is_deep(&self) -> bool {
+        use image::ColorType::{L16, La16, Rgb16, Rgba16};
+        matches!(self.decoder.color_type(), L16 | La16 | Rgb16 | Rgba16)
+    }
+
     /// Refuses a JPEG file that ends within its image, which its decoder would fill with grey.
     fn refuse_cut_off(&self) -> Result<(), StoreError> {
         if self.format != FileFormat::Jpeg {

@@ -212,6 +212,24 @@ pub fn far_frames(poses: &[Option<Pose>]) -> Option<String> {
     ))
 }
 
+/// Returns a line where all of several cameras are in one place, up to the rounding of its coordinates, so that no
+/// parallax tells distances; `None` elsewhere.
+pub fn one_place(poses: &[Option<Pose>]) -> Option<String> {
+    let valid = poses.iter().flatten().filter(|pose| pose.is_valid());
+    let centres: Vec<DVec3> = valid.map(Pose::centre).collect();
+    let (middle, _) = middle(&centres)?;
+    let radius = least_radius(middle);
+    let is_one = centres
+        .iter()
+        .all(|centre| centre.distance(middle) <= radius);
+    (is_one && centres.len() > 1).then(|| {
+        format!(
+            "all {} cameras are within {radius:.0e} of one place: methods that need parallax cannot use them",
+            centres.len()
+        )
+    })
+}
+
 /// Returns the median of positions along each axis, and their median distance from it; `None` without positions or
 /// with non-finite ones.
 fn middle(places: &[DVec3]) -> Option<(DVec3, f64)> {

@@ -46,13 +46,9 @@ pub(crate) struct BenchRunArguments {
     /// Aids of the methods: components that help any method, such as larger steps in short schedules.
     #[arg(long, value_enum, default_value_t = AidsArgument::Default)]
     pub(crate) aids: AidsArgument,
-    /// Protocols by name (`bench list` lists them).
-    #[arg(
-        long,
-        value_name = "PROTOCOL",
-        value_delimiter = ',',
-        default_value = "per-scene,sparse-interpolation"
-    )]
+    /// Protocols by name (`bench list` lists them). A scene that is too short for one of them is
+    /// refused [default: per-scene, and sparse-interpolation where a scene is long enough].
+    #[arg(long, value_name = "PROTOCOL", value_delimiter = ',')]
     pub(crate) protocols: Vec<String>,
     /// Trains each method once per seed; methods without training run once.
     #[arg(long, value_name = "SEED", value_delimiter = ',', default_value = "0",

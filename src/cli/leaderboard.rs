@@ -190,7 +190,8 @@ pub(crate) struct SubmitResultsArguments {
     /// Folder of the submission.
     #[arg(long)]
     pub(crate) out: PathBuf,
-    /// Packs results with views that could not be scored too: they are rows of failures, which are not ranked.
+    /// Packs results with views that could not be scored, and those without some metrics, too: they are rows
+    /// that are not ranked.
     #[arg(long)]
     pub(crate) with_failures: bool,
 }

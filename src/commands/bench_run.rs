@@ -8,9 +8,9 @@
 //! OUT/sweeps/<hash>/                               the plan, and what every unit printed and cost
 //! ```
 //!
-//! A unit that fails is a row of the outcomes and of the tables, and the others continue. Units are run by the pool
-//! of `sweep run`, each in processes of its own, so that the memory in a record is that of one run. Finished units
-//! are not run again.
+//! A unit that fails is a row of the outcomes and of the tables, and the others continue. A scene that is too short for
+//! a default protocol is one row of the outcomes, `left out`. Units are run by the pool of `sweep run`, each in
+//! processes of its own, so that the memory in a record is that of one run. Finished units are not run again.
 
 use std::path::Path;
 
@@ -32,10 +32,15 @@ use super::{method_list, pooled};
 use crate::{
     cli::{BackendArgument, BenchRunArguments},
     exit::{self, PartialFailure},
-    plans::benchmark::{self, BenchmarkRequest, Method, MethodKind},
+    plans::{
+        benchmark::{self, BenchmarkRequest, Method, MethodKind},
+        left_out::{self, LeftOut},
+    },
     prerequisites::{self, Prerequisite},
 };
 
+/// Outcome of a scene that is too short for a protocol.
+const LEFT_OUT: &str = "left out";
 /// Name of the summary.
 const OUTCOMES_FILE: &str = "outcomes.csv";
 /// Number of rendered views that the site shows per scene and method.
@@ -47,16 +52,38 @@ struct Unit {
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     scene: String,
     protocol: String,
+    /// Empty where the scene is left out for all methods.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     method: String,
-    seed: u64,
-    /// `scored`, `incomplete` where some views could not be scored, or `failed`.
+    seed: Option<u64>,
+    /// `scored`, `incomplete` where some views could not be scored, `failed`, or `left out`.
     outcome: &'static str,
-    /// Reason in one line of the failure of the run, or of the first view that could not be scored.
+    /// Reason in one line of the omission, of the failure of the run, or of the first view that could not be scored.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     reason: String,
     #[serde(skip)]
     blame: Option<ErrorKind>,
+}
+
+impl Unit {
+    /// Returns whether a result with scores of some views exists.
+    fn has_scores(&self) -> bool {
+        self.outcome != "failed" && self.outcome != LEFT_OUT
+    }
+}
+
+impl From<LeftOut> for Unit {
+    fn from(pair: LeftOut) -> Self {
+        Self {
+            scene: pair.scene,
+            protocol: pair.protocol,
+            method: String::new(),
+            seed: None,
+            outcome: LEFT_OUT,
+            reason: pair.reason,
+            blame: None,
+        }
+    }
 }
 
 /// Runs all units and prints the tables.
@@ -68,13 +95,15 @@ pub(crate) fn execute(
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     let methods = methods(arguments)?;
+    let (protocols, left_out) = left_out::protocols_for(&arguments.scenes, &arguments.protocols)?;
     let is_trained = methods.iter().any(Method::is_trained);
     let results = arguments.out.join("scenes");
     let units = benchmark::units(&BenchmarkRequest {
         results: &results,
         scenes: &arguments.scenes,
         methods: &methods,
-        protocols: &arguments.protocols,
+        protocols: &protocols,
+        left_out: &left_out,
         seeds: &arguments.seeds,
         train: &if is_trained {
             training_options(arguments)
@@ -88,18 +117,22 @@ pub(crate) fn execute(
         // Finished units need none.
         prerequisites::require([Prerequisite::Backend(arguments.backend.into())])?;
     }
+    for pair in &left_out {
+        progress.note(&pair.to_string());
+    }
     let _lock = FolderLock::take(&arguments.out, progress)?;
     let summary = StagePlan::new(&arguments.out, "summary");
     let units = summary.run([OUTCOMES_FILE], progress, |made| -> anyhow::Result<_> {
-        let units: Vec<Unit> = pooled::run_units(&arguments.out, units, progress)?
+        let mut units: Vec<Unit> = pooled::run_units(&arguments.out, units, progress)?
             .iter()
             .map(|(unit, state)| outcome(unit, state, progress))
             .collect::<Result<_, _>>()?;
+        units.extend(left_out.into_iter().map(Unit::from));
         store::write_csv_rows(&made.path(OUTCOMES_FILE), &units)?;
         made.add(OUTCOMES_FILE);
         Ok(units)
     })?;
-    if units.iter().any(|unit| unit.outcome != "failed") {
+    if units.iter().any(Unit::has_scores) {
         let leaderboard = build_leaderboard(&LeaderboardRequest {
             results,
             out: arguments.out.join("leaderboard"),
@@ -171,7 +204,7 @@ fn outcome(unit: &SweepUnit, state: &UnitState, progress: &dyn Progress) -> anyh
         scene: label("scene"),
         protocol: label("protocol"),
         method: label("method"),
-        seed: label("seed").parse().unwrap_or_default(),
+        seed: label("seed").parse().ok(),
         outcome,
         reason,
         blame,
@@ -207,7 +240,7 @@ fn as_result(units: &[Unit]) -> anyhow::Result<()> {
         message: format!(
             "{} of {} runs failed or left views out, the first: {} on {} under {}: {}",
             faulty.len(),
-            units.len(),
+            units.iter().filter(|unit| unit.outcome != LEFT_OUT).count(),
             first.method,
             first.scene,
             first.protocol,

@@ -173,6 +173,13 @@ pub(crate) fn publish_dataset(
         let unstated = unstated.join(", ");
         progress.note(&format!("unstated: {unstated}; --about FILE states them"));
     }
+    let working = publish::working_files(&arguments.dataset)?;
+    if !working.is_empty() {
+        progress.note(&format!(
+            "the release is what SHA256SUMS lists; leave out of an upload: {}",
+            working.join(", ")
+        ));
+    }
     exit::print(&format!(
         "{}: {}, {:.3} hours, {:.1} s on average\n",
         arguments.dataset.display(),

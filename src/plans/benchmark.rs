@@ -24,7 +24,9 @@ use omnilife_schemas::{
 };
 use omnilife_sweep::plan;
 
-use super::{absolute, argument, needs, own_command, scoring, tensorboard, words};
+use super::{
+    absolute, argument, left_out::LeftOut, needs, own_command, scoring, tensorboard, words,
+};
 use crate::{
     cli::{AidsArgument, BenchPlanArguments, plan_word},
     exit::BadRequest,
@@ -37,6 +39,8 @@ pub(crate) struct BenchmarkRequest<'a> {
     pub(crate) scenes: &'a [PathBuf],
     pub(crate) methods: &'a [Method],
     pub(crate) protocols: &'a [String],
+    /// Pairs of a scene and a protocol without units.
+    pub(crate) left_out: &'a [LeftOut],
     /// Seeds; methods without training run once.
     pub(crate) seeds: &'a [u64],
     /// Options of `reconstruct train` for the methods that are trained.
@@ -67,6 +71,9 @@ pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepU
     for (repetition, seed) in request.seeds.iter().enumerate() {
         for (id, file) in &scenes {
             for protocol in request.protocols {
+                if (request.left_out.iter()).any(|left_out| left_out.is_of(id, protocol)) {
+                    continue;
+                }
                 for method in request.methods {
                     if repetition > 0 && method.has_no_seed() {
                         continue;
@@ -105,6 +112,7 @@ pub(crate) fn sweep(
         scenes: &arguments.scenes,
         methods: &methods,
         protocols: &arguments.protocols,
+        left_out: &[],
         seeds: &arguments.seeds,
         train: &train,
         tensorboard: tensorboard.as_deref(),

@@ -3,6 +3,7 @@
 pub(crate) mod ablation;
 pub(crate) mod benchmark;
 pub(crate) mod curation;
+pub(crate) mod left_out;
 pub(crate) mod lines;
 
 use std::path::{Path, PathBuf};

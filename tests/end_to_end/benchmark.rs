@@ -2,9 +2,12 @@
 
 use std::{ffi::OsStr, fs, path::Path};
 
-use omnilife_schemas::{records::ResultRecord, store};
+use omnilife_schemas::{
+    records::{ResultRecord, Scene},
+    store,
+};
 
-use crate::support::{self, SEQUENCE, omnilife, scratch, small_run};
+use crate::support::{self, SEQUENCE, copy_of_small_run, omnilife, scratch, small_run};
 
 /// Stand-in for an external method: it copies the image of an input view to every novel view.
 const COPIER: &str = r#"
@@ -133,4 +136,39 @@ fn methods_and_scenes_that_do_not_exist_are_refused_at_once() {
         assert!(ended.stderr.contains(expected), "{}", ended.stderr);
         assert!(!out.exists());
     }
+}
+
+/// The sample's first nine frames are too few for the groups of ten of `sparse-interpolation`.
+#[test]
+fn a_scene_that_is_too_short_for_a_protocol_is_left_out_unless_the_protocol_is_named() {
+    let copy = copy_of_small_run();
+    let sequence = copy.path().join(SEQUENCE);
+    let file = sequence.join("scene.json");
+    let mut scene: Scene = store::read_record(&file).unwrap();
+    scene.frames.truncate(9);
+    store::write_record(&file, &scene).unwrap();
+    let bench = |out: &Path, further: &[&str]| {
+        let words = ["bench", "run", "--methods", "nearest-input"];
+        let words = words.into_iter().chain(further.iter().copied());
+        let words = words.map(OsStr::new).chain([sequence.as_os_str()]);
+        omnilife(words.chain(["--out".as_ref(), out.as_os_str()]))
+    };
+    let out = copy.path().join("bench");
+    let ended = bench(&out, &[]).succeeded();
+    let notes = ended
+        .stderr
+        .matches("sparse-interpolation is left out")
+        .count();
+    assert_eq!(notes, 1, "{}", ended.stderr);
+    let outcomes = fs::read_to_string(out.join("outcomes.csv")).unwrap();
+    let left_out = format!("{},sparse-interpolation,,,left out,", scene.id);
+    assert_eq!(outcomes.matches(&left_out).count(), 1, "{outcomes}");
+    assert_eq!(outcomes.matches(",scored,").count(), 1, "{outcomes}");
+    assert_eq!(outcomes.lines().count(), 3, "{outcomes}");
+    // Named, it is refused before anything is written.
+    let out = copy.path().join("named");
+    let ended = bench(&out, &["--quiet", "--protocols", "sparse-interpolation"]);
+    let message = ended.failed_quietly(2);
+    assert!(message.contains("9 frames"), "{message}");
+    assert!(!out.exists());
 }

@@ -56,6 +56,14 @@ fn status_and_page_say_what_is_missing_and_the_command() {
     assert!(json.contains("omnilife curate annotate . --tags"), "{json}");
 
     omnilife(["curate", "overview", out]).succeeded();
+    // The page and its record name commands of this machine: a release lists neither.
+    let published = omnilife(["curate", "publish", out]).succeeded();
+    let checksums = fs::read_to_string(folder.path().join("SHA256SUMS")).unwrap();
+    assert!(checksums.contains("  dataset.json\n"), "{checksums}");
+    for file in ["index.html", "status.json"] {
+        assert!(!checksums.contains(&format!("  {file}\n")), "{file}");
+        assert!(published.stderr.contains(file), "{}", published.stderr);
+    }
     let record = fs::read_to_string(folder.path().join("status.json")).unwrap();
     assert_eq!(record, json);
     let page = fs::read_to_string(folder.path().join("index.html")).unwrap();

@@ -1,17 +1,18 @@
 //! Submitted results: packed, checked, scored again, and detected where they were changed.
 
 use std::{
+    ffi::OsStr,
     fs,
     path::{Path, PathBuf},
 };
 
 use omnilife_schemas::{
-    records::{ResultRecord, Submission, Unavailable},
+    records::{QUICK_LOOK, ResultRecord, Submission, Unavailable},
     store,
 };
 use tempfile::TempDir;
 
-use crate::support::{Ended, METHOD, omnilife, scratch, small_run};
+use crate::support::{Ended, METHOD, SEQUENCE, omnilife, scratch, small_run};
 
 const CARD: &str = "method = \"odgs\"\ntitle = \"ODGS\"\nauthors = [\"A. Author\", \"B. Author\"]\n\
                     licence = \"MIT\"\nhardware = \"two cores\"\n";
@@ -166,6 +167,49 @@ fn scores_of_other_images_are_found_by_scoring_again() {
     );
     // Without an audit the change is not detected.
     add(&submission, &results, "0").succeeded();
+}
+
+/// Scores of two metrics do not stand for the protocol.
+#[test]
+fn a_quick_look_is_packed_only_as_a_row_without_a_rank() {
+    let folder = scratch();
+    let sequence = small_run().out.join(SEQUENCE);
+    let at = |name: &str| folder.path().join(name);
+    let [split, run] = [
+        sequence.join("per-scene/split.json"),
+        small_run().out.join(METHOD).join("run"),
+    ];
+    let card = at("card.toml");
+    fs::write(&card, CARD).unwrap();
+    let words = ["--quiet", "bench", "score", "--metrics", "psnr,ssim"];
+    let words = words.iter().map(OsStr::new);
+    omnilife(words.chain([
+        "--scene".as_ref(),
+        sequence.as_os_str(),
+        "--split".as_ref(),
+        split.as_os_str(),
+        "--run".as_ref(),
+        run.as_os_str(),
+        "--out".as_ref(),
+        at("scores").as_os_str(),
+    ]))
+    .succeeded();
+    let submit = |further: &[&str], out: &Path| {
+        let words = ["--quiet", "leaderboard", "submit"].iter().chain(further);
+        omnilife(words.map(OsStr::new).chain([
+            at("scores").as_os_str(),
+            "--card".as_ref(),
+            card.as_os_str(),
+            "--out".as_ref(),
+            out.as_os_str(),
+        ]))
+    };
+    let refused = submit(&[], &at("refused"));
+    let message = refused.failed_quietly(2);
+    assert!(message.contains(QUICK_LOOK), "{message}");
+    assert!(!at("refused").join("submission.json").exists());
+    submit(&["--with-failures"], &at("packed")).succeeded();
+    add(&at("packed"), &at("results"), "1").succeeded();
 }
 
 #[test]

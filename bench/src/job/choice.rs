@@ -1,6 +1,6 @@
 //! Choice of a protocol's metrics.
 
-use omnilife_schemas::names::UnknownName;
+use omnilife_schemas::{names::UnknownName, records::QUICK_LOOK};
 
 use crate::metrics::{METRICS, Metric, Need};
 
@@ -37,6 +37,6 @@ impl MetricChoice {
             Self::WithoutNetworks => metric.needs.iter().any(is_network),
             Self::Only(ids) => !ids.iter().any(|id| id == metric.id),
         };
-        is_left_out.then(|| "left out for a quick look".to_owned())
+        is_left_out.then(|| QUICK_LOOK.to_owned())
     }
 }

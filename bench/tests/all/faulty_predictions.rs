@@ -107,6 +107,35 @@ fn images_in_other_formats_are_named() {
     assert!(result.warnings.iter().any(|line| line == strays));
 }
 
+/// Without a single prediction the message has the images that are there.
+#[test]
+fn images_in_place_of_all_predictions_are_named() {
+    let bench = Bench::new();
+    let at = |name: &str| bench.at("novel").join(name);
+    let reasons = || -> Vec<String> {
+        let failures = bench.score().unwrap().failures;
+        failures.into_iter().map(|failure| failure.reason).collect()
+    };
+    fs::create_dir(at("renders")).unwrap();
+    for name in ["000004.png", "000009.png"] {
+        fs::rename(at(name), at("renders").join(name)).unwrap();
+    }
+    let below = reasons();
+    assert_eq!(below.len(), 2);
+    for (reason, frame) in below.iter().zip(["000004.png", "000009.png"]) {
+        assert!(
+            reason.starts_with(&format!("{frame} is missing; ")),
+            "{reason}"
+        );
+        assert!(reason.contains("renders"), "{reason}");
+    }
+    fs::rename(at("renders/000004.png"), at("IMG_7.png")).unwrap();
+    assert!(reasons().iter().all(|reason| reason.contains("IMG_7.png")));
+    // One that is in its place shows that the folder is the right one.
+    fs::rename(at("renders/000009.png"), at("000009.png")).unwrap();
+    assert_eq!(reasons(), ["000004.png is missing"]);
+}
+
 /// 16 bits, floats, and a PNG with an orientation.
 #[test]
 fn other_depths_and_orientations_are_failures() {

@@ -19,7 +19,7 @@ use super::{ForeignFrame, driving};
 use crate::{
     error::CurateError,
     poses::{frame_camera::write_straight, lens::Straightening},
-    stills::Placement,
+    stills::{Colours, Placement, colour_notes},
 };
 
 /// The image of a frame in the scene's folder.
@@ -34,6 +34,8 @@ pub(super) struct FrameImage {
     pub(super) is_turned: bool,
     /// True if it shows nothing.
     pub(super) is_single_colour: bool,
+    /// Colours of the source image.
+    pub(super) colours: Colours,
 }
 
 impl FrameImage {
@@ -58,6 +60,7 @@ impl FrameImage {
             ignored: outside.marks_anything().then_some(outside),
             is_turned: false,
             is_single_colour: rgb::is_single_colour(&image.to_rgb8()),
+            colours: Colours::of(&mut ImageFile::open(&frame.image)?)?,
         })
     }
 
@@ -71,12 +74,14 @@ impl FrameImage {
         (straightening, placement): (Option<&Straightening>, Option<&Placement>),
         out: &Path,
     ) -> Result<Self, CurateError> {
+        let mut source = ImageFile::open(&frame.image)?;
+        let colours = Colours::of(&mut source)?;
         let ShownImage {
             size: [mut width, mut height],
             mut rgb,
             mut transparent,
             is_turned,
-        } = ImageFile::open(&frame.image)?.decode_shown()?;
+        } = source.decode_shown()?;
         let is_transparent = transparent.is_some();
         if let Some(placement) = placement {
             [width, height] = placement.full().map(|side| side as usize);
@@ -108,6 +113,7 @@ impl FrameImage {
             ignored: transparent,
             is_turned,
             is_single_colour,
+            colours,
         })
     }
 }
@@ -118,6 +124,7 @@ pub(super) struct UnusualFrames {
     transparent: Vec<String>,
     turned: Vec<String>,
     single_colour: Vec<String>,
+    colours: Vec<(String, Colours)>,
 }
 
 impl UnusualFrames {
@@ -129,6 +136,7 @@ impl UnusualFrames {
         ] {
             frames.extend(is_one.then(|| name.to_owned()));
         }
+        self.colours.push((name.to_owned(), image.colours));
     }
 
     /// Returns a line for each kind that occurs.
@@ -157,6 +165,7 @@ impl UnusualFrames {
                     plain_text::first_of(frames)
                 )
             })
+            .chain(colour_notes(&self.colours))
             .collect()
     }
 }

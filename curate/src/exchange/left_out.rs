@@ -12,7 +12,7 @@ use omnilife_schemas::{
 };
 
 use super::ForeignScene;
-use crate::frame_order;
+use crate::{error::CurateError, frame_order};
 
 /// Extensions of images, including kinds that are not read.
 const IMAGES: [&str; 11] = [
@@ -49,6 +49,7 @@ pub(super) fn images_beside(scene: &ForeignScene) -> Result<Vec<PathBuf>, StoreE
         for file in store::paths_in(&folder)? {
             if !taken.contains(&place(&file))
                 && !store::is_hidden(&file)
+                && !store::is_broken_link(&file)
                 && frame_order::has_extension(&file, &IMAGES)
             {
                 left.push(file);
@@ -57,6 +58,40 @@ pub(super) fn images_beside(scene: &ForeignScene) -> Result<Vec<PathBuf>, StoreE
     }
     left.sort_by(|a, b| frame_order::natural_paths(a, b));
     Ok(left)
+}
+
+/// Returns the names of missing images of a scene that are links whose target is missing.
+pub(super) fn broken_links(scene: &ForeignScene) -> Vec<String> {
+    let folders = [scene.root.clone(), scene.root.join("images")];
+    let is_broken = |name: &&String| {
+        let mut files = folders.iter().map(|folder| folder.join(name.as_str()));
+        files.any(|file| store::is_broken_link(&file))
+    };
+    let missing = scene.missing_images.iter();
+    missing.filter(is_broken).cloned().collect()
+}
+
+/// Refuses a scene none of whose images are there.
+///
+/// # Errors
+/// When it has no frames, and names images.
+pub(super) fn expect_images(
+    folder: &Path,
+    scene: &ForeignScene,
+    broken_links: &[String],
+) -> Result<(), CurateError> {
+    let (true, [first, ..]) = (scene.frames.is_empty(), &scene.missing_images[..]) else {
+        return Ok(());
+    };
+    let link = match broken_links.contains(first) {
+        true => ", a link whose target is missing",
+        false => "",
+    };
+    let reason = format!(
+        "has none of the {} images that its poses name, such as {first}{link}",
+        scene.missing_images.len()
+    );
+    Err(CurateError::input(folder, reason))
 }
 
 /// Returns the folder of a file, and its name there.

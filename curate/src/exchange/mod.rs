@@ -327,16 +327,22 @@ fn refuse_file(folder: &Path) -> Result<(), CurateError> {
     }
 }
 
-/// Refuses a non-empty output folder; removes leftovers of killed processes beside it.
+/// Refuses a non-empty output folder and one without a name (`.`), which nothing can be moved to; removes leftovers of
+/// killed processes beside it.
 fn refuse_filled(out: &Path) -> Result<(), CurateError> {
-    if let Some(parent) = out.parent().filter(|parent| parent.is_dir()) {
+    let parent = match (out.parent(), out.file_name()) {
+        (Some(parent), Some(_)) if parent.as_os_str().is_empty() => Path::new("."),
+        (Some(parent), Some(_)) => parent,
+        _ => {
+            let reason = "must end with the name of a folder, which is filled at once; choose one with a name";
+            return Err(CurateError::input(out, reason));
+        }
+    };
+    if parent.is_dir() {
         store::remove_abandoned(parent)?;
     }
     if !out.exists() {
-        return match out.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => Ok(store::create_folder(parent)?),
-            _ => Ok(()),
-        };
+        return Ok(store::create_folder(parent)?);
     }
     if !out.is_dir() {
         return Err(CurateError::input(

@@ -22,7 +22,7 @@
 
 mod camera;
 
-use std::{collections::BTreeMap, path::Path};
+use std::{borrow::Cow, collections::BTreeMap, path::Path};
 
 use camera::{Entries, camera};
 use glam::{DMat3, DMat4, DVec3, DVec4};
@@ -201,14 +201,39 @@ fn mask_name(image: &str) -> String {
     format!("{}.png", stem(image))
 }
 
+/// Returns the file that a name stands for: the one of that name, or else the one with `/` for the `\` of Windows, or
+/// else the only image of that name with an ending, as in the files of synthetic scenes of NeRF. Returns the name itself
+/// where no file is found.
+fn file_for<'a>(folder: &Path, name: &'a str) -> Cow<'a, str> {
+    const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
+    if folder.join(name).exists() {
+        return Cow::Borrowed(name);
+    }
+    let slashed = name.replace('\\', "/");
+    if folder.join(&slashed).is_file() {
+        return Cow::Owned(slashed);
+    }
+    let ended = ENDINGS.map(|ending| format!("{slashed}.{ending}"));
+    let mut found = (ended.into_iter()).filter(|file| folder.join(file).is_file());
+    match (found.next(), found.next()) {
+        (Some(file), None) => Cow::Owned(file),
+        _ => Cow::Borrowed(name),
+    }
+}
+
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let path = folder.join(TRANSFORMS_FILE);
     let malformed = |reason: String| StoreError::malformed(&path, reason);
     let transforms: ForeignTransforms = super::read_json(&path)?;
     let (camera, unread) = camera(&transforms.others, &transforms.frames).map_err(malformed)?;
     let (mut frames, mut missing_images) = (Vec::new(), Vec::new());
+    let mut renamed = Vec::new();
     for frame in &transforms.frames {
-        let Some(image) = super::image_of(folder, &frame.file_path)? else {
+        let name = file_for(folder, &frame.file_path);
+        if name != frame.file_path {
+            renamed.push(format!("{} as {name}", frame.file_path));
+        }
+        let Some(image) = super::image_of(folder, &name)? else {
             missing_images.push(frame.file_path.clone());
             continue;
         };
@@ -216,7 +241,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             .ok_or_else(|| malformed(format!("{} has no rigid transform", frame.file_path)))?;
         let mask = match &frame.mask_path {
             Some(mask) => Some(ForeignMask {
-                file: file_of(folder, mask)?,
+                file: file_of(folder, &file_for(folder, mask))?,
                 black_is_dynamic: true,
             }),
             None => None,
@@ -234,9 +259,13 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         missing_images,
         notes: left_out::line(&unread, "entries of transforms.json that are not read")
             .into_iter()
+            .chain(left_out::line(
+                &renamed,
+                "images that have other names than in transforms.json",
+            ))
             .collect(),
         points: match &transforms.ply_file_path {
-            Some(file) => PointCloud::read_ply(&file_of(folder, file)?)?,
+            Some(file) => PointCloud::read_ply(&file_of(folder, &file_for(folder, file))?)?,
             None => PointCloud::default(),
         },
         ..ForeignScene::new(camera, frames, folder)

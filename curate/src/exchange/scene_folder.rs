@@ -89,13 +89,8 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
     super::refuse_filled(request.out)?;
     super::refuse_file(request.folder)?;
     let mut foreign = (format.import)(request.folder)?;
-    if let (true, [first, ..]) = (foreign.frames.is_empty(), &foreign.missing_images[..]) {
-        let reason = format!(
-            "has none of the {} images that its poses name, such as {first}",
-            foreign.missing_images.len()
-        );
-        return Err(CurateError::input(request.folder, reason));
-    }
+    let broken_links = left_out::broken_links(&foreign);
+    left_out::expect_images(request.folder, &foreign, &broken_links)?;
     let own = OwnRecord::read(format, &foreign.root)?;
     if own.is_none() {
         foreign
@@ -117,6 +112,10 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
         .chain(left_out::line(
             &foreign.missing_images,
             "poses left out, whose images are not there",
+        ))
+        .chain(left_out::line(
+            &broken_links,
+            "of these, links whose target is missing",
         ))
         .chain(left_out::line(
             &beside,

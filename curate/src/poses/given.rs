@@ -372,6 +372,7 @@ pub(crate) fn unchecked(poses: &[Option<Pose>]) -> PoseValidation {
         ));
     }
     problems.extend(pose::far_frames(poses));
+    problems.extend(pose::one_place(poses));
     PoseValidation {
         problems,
         ..PoseValidation::unchecked(registered, poses.len())

@@ -46,6 +46,19 @@ pub(super) fn read(folder: &Path) -> Result<BTreeMap<String, String>, StoreError
         .collect()
 }
 
+/// Returns true for an entry of a dataset's folder that is no part of a release: the page with its record, which names
+/// commands of this machine, and hidden ones.
+fn is_working_file(name: &str) -> bool {
+    [PAGE_FILE, STATUS_FILE].contains(&name) || name.starts_with('.')
+}
+
+/// Returns the entries of a dataset's folder that are no part of a release.
+pub(super) fn working_files(folder: &Path) -> Result<Vec<String>, StoreError> {
+    let mut names = store::names_in(folder)?;
+    names.retain(|name| is_working_file(name));
+    Ok(names)
+}
+
 /// Returns all files of a dataset relative to it, with `/` between folders, sorted. Left out are hidden files (this
 /// machine's records of finished stages), the checksums, and the page with its record, which is drawn anew at any time.
 pub(super) fn files(folder: &Path) -> Result<Vec<String>, CurateError> {
@@ -70,8 +83,7 @@ pub(super) fn files(folder: &Path) -> Result<Vec<String>, CurateError> {
                 ));
             }
             let relative = format!("{prefix}{name}");
-            let is_left_out = [CHECKSUMS_FILE, PAGE_FILE, STATUS_FILE].contains(&relative.as_str());
-            if name.starts_with('.') || is_left_out {
+            if relative == CHECKSUMS_FILE || is_working_file(&relative) || name.starts_with('.') {
                 continue;
             }
             if entry.file_type().map_err(failed)?.is_dir() {

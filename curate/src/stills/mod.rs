@@ -1,5 +1,6 @@
 //! Folders of still panoramas.
 
+mod colours;
 mod exif_facts;
 mod gpano;
 mod placement;
@@ -10,6 +11,7 @@ use std::path::{Path, PathBuf};
 use omnilife_schemas::{image_file::ImageFile, plain_text, records::Capture, store};
 
 use crate::{error::CurateError, frame_order};
+pub(crate) use colours::{Colours, notes as colour_notes};
 pub(crate) use placement::Placement;
 pub(crate) use sequence::{are_panoramas, curate, identify};
 
@@ -26,6 +28,7 @@ pub(crate) struct Still {
     pub(crate) capture: Capture,
     /// Its part of the sphere, unless it is all of it.
     pub(crate) placement: Option<Placement>,
+    colours: Colours,
     taken: Option<exif_facts::CaptureTime>,
 }
 
@@ -104,11 +107,13 @@ impl Still {
                  sphere it shows"
             )));
         }
+        let colours = Colours::of(&mut file)?;
         drop(file);
         Ok(Self {
             size,
             capture,
             placement,
+            colours,
             taken,
             path,
         })

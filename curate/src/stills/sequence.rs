@@ -27,7 +27,7 @@ use omnilife_schemas::{
 };
 use omnilife_video::Rgb8Image;
 
-use super::{SECONDS_APART, Still, Stills, sha256};
+use super::{SECONDS_APART, Still, Stills, colour_notes, sha256};
 use crate::{
     admission,
     error::CurateError,
@@ -83,7 +83,13 @@ pub(crate) fn curate(
                       takes it";
         return Err(CurateError::input(&part.path, reason));
     }
-    for note in stills.notes.iter().chain([&stills.times_note]) {
+    let colours = stills
+        .stills
+        .iter()
+        .map(|still| (still.name(), still.colours));
+    let colours = colour_notes(&colours.collect::<Vec<_>>());
+    let notes = stills.notes.iter().chain([&stills.times_note]);
+    for note in notes.chain(&colours) {
         progress.note(&format!("{}: {note}", input.display()));
     }
     video_folder::claim(input, folder, source)?;

@@ -216,6 +216,10 @@ pub(crate) fn mark_notes(group: &Group<'_>) -> Vec<String> {
              are not ranked either."
         ));
     }
+    if numbers().any(|numbers| numbers.partial) {
+        let (symbol, meaning) = (Mark::Partial.symbol(), Mark::Partial.meaning());
+        notes.push(format!("{symbol} {meaning}: its methods are not ranked."));
+    }
     if numbers().any(|numbers| !numbers.stated.is_empty()) {
         notes.push(format!(
             "{STATED_MARK} As the authors state, not measured here."

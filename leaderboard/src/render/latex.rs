@@ -132,6 +132,7 @@ fn escape(text: &str) -> String {
             '†' => escaped.push_str("\\dag{}"),
             '‡' => escaped.push_str("\\ddag{}"),
             '§' => escaped.push_str("\\S{}"),
+            '‖' => escaped.push_str("$\\|$"),
             '¶' => escaped.push_str("\\P{}"),
             '≥' => escaped.push_str("$\\geq$"),
             '±' => escaped.push_str("$\\pm$"),

@@ -221,7 +221,17 @@ fn detail(
     let scenes = (found < all).then(|| format!("{found} of {all} scenes"));
     let verified = verification.filter(|verification| verification.scored_again > 0);
     let verified = verified.map(Verification::in_words);
-    let parts = [budget, scenes, verified, remarks::why_incomplete(&rows)];
+    let partial = method
+        .numbers
+        .partial
+        .then(|| Mark::Partial.meaning().to_owned());
+    let parts = [
+        budget,
+        scenes,
+        verified,
+        partial,
+        remarks::why_incomplete(&rows),
+    ];
     let parts: Vec<String> = parts.into_iter().flatten().collect();
     (!parts.is_empty()).then(|| parts.join("; "))
 }

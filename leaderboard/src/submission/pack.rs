@@ -9,8 +9,8 @@ use omnilife_schemas::{
     lock::LOCK_FILE,
     ownership::{FileList, OwnFile, OwnFiles, is_inside},
     records::{
-        ExternalRun, MethodCard, ResultRecord, RunRecord, ScoredPredictions, Submission,
-        SubmittedResult,
+        ExternalRun, MethodCard, QUICK_LOOK, ResultRecord, RunRecord, ScoredPredictions,
+        Submission, SubmittedResult,
     },
     store::{self, StoreError, Unfinished},
 };
@@ -32,7 +32,7 @@ pub struct PackRequest {
     pub card: PathBuf,
     /// Folder of the submission; created, or empty.
     pub out: PathBuf,
-    /// True to pack incomplete results too. They are rows of failures in tables.
+    /// True to pack incomplete results and quick looks too. They are rows without a rank in tables.
     pub with_failures: bool,
 }
 
@@ -62,6 +62,15 @@ pub fn pack(request: &PackRequest) -> Result<Submission, LeaderboardError> {
             file,
             format!(
                 "is not complete: {reason}; with failures, it is packed as a row that is not ranked"
+            ),
+        ));
+    }
+    if let Some((file, metrics)) = quick_look(&results).filter(|_| !request.with_failures) {
+        return Err(submission_error(
+            file,
+            format!(
+                "must have all metrics of its protocol, but {metrics} {QUICK_LOOK}; score it without --metrics and \
+                 --without-lpips; with failures, it is packed as a row that is not ranked"
             ),
         ));
     }
@@ -99,6 +108,19 @@ pub fn pack(request: &PackRequest) -> Result<Submission, LeaderboardError> {
     };
     publish(&request.out, beside, &submission)?;
     Ok(submission)
+}
+
+/// Returns the first result that scoring was told to leave metrics out of, and these in words.
+fn quick_look(results: &[(PathBuf, ResultRecord)]) -> Option<(&Path, String)> {
+    results.iter().find_map(|(file, result)| {
+        let metrics: Vec<&str> = result.left_out_metrics().into_iter().collect();
+        let verb = match metrics.len() {
+            0 => return None,
+            1 => "was",
+            _ => "were",
+        };
+        Some((file.as_path(), format!("{} {verb}", metrics.join(", "))))
+    })
 }
 
 /// Moves the results to their place and writes the record last: a folder with the record is complete.

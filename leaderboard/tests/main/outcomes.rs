@@ -3,10 +3,12 @@ use std::fs;
 
 use crate::{
     leaderboard::{Place, files, study, texts},
-    support::result,
+    support::{result, summary},
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
-use omnilife_schemas::records::{ResultRecord, RunStatement, StatedClock, TrainingKind};
+use omnilife_schemas::records::{
+    QUICK_LOOK, ResultRecord, RunStatement, StatedClock, TrainingKind, Unavailable,
+};
 
 const REASON: &str = "prepare ended with conda could not be started";
 
@@ -227,4 +229,36 @@ fn stated_numbers_and_other_clocks_are_told() {
     let page = String::from_utf8(page.unwrap().1).unwrap();
     assert!(page.contains("one &lt;GPU&gt; (as its authors state)"));
     assert!(page.contains("href=\"https://example.org/theirs\""));
+}
+
+/// A partial score does not stand for the whole protocol: it is marked, and its method is not ranked.
+#[test]
+fn a_quick_look_is_marked_and_has_no_rank() {
+    let mut results = vec![
+        result("hall/seq-000", "whole", 30.0, 0.9),
+        result("hall/seq-000", "other", 29.0, 0.89),
+        result("hall/seq-000", "quick", 31.5, 0.91),
+    ];
+    for result in &mut results[..2] {
+        let lpips = summary(0.25, 12);
+        result.novel_views.insert("lpips-vgg".to_owned(), lpips);
+    }
+    results[2].unavailable.push(Unavailable {
+        view: "novel".to_owned(),
+        metric: "lpips-vgg".to_owned(),
+        reason: QUICK_LOOK.to_owned(),
+    });
+    let place = Place::with(&results);
+    place.build();
+    let views = place.layout("views.md");
+    assert_eq!(views.matches("| 1 of 2 |").count(), 1, "{views}");
+    assert_eq!(views.matches("| 2 of 2 |").count(), 1, "{views}");
+    let row = views.lines().find(|line| line.starts_with("| quick ‖ "));
+    let row = row.unwrap();
+    assert!(row.contains("31.500") && row.contains("–"), "{row}");
+    assert!(!row.contains("**"), "{row}");
+    for file in ["views.md", "views.tex"] {
+        let text = place.layout(file);
+        assert!(text.contains(QUICK_LOOK), "{file}: {text}");
+    }
 }

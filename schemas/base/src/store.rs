@@ -101,7 +101,9 @@ impl StoreError {
 
     /// Makes the error of a `path` that cannot be read. Where its folder is missing, or is a file, the reason says so.
     pub fn read(path: &Path, source: io::Error) -> Self {
-        let source = match folder_fault(path) {
+        let fault = folder_fault(path)
+            .or_else(|| is_broken_link(path).then_some("it is a link whose target is missing"));
+        let source = match fault {
             Some(fault) if is_not_there(source.kind()) => io::Error::new(source.kind(), fault),
             _ if is_not_text(&source) => io::Error::new(source.kind(), "must be text in UTF-8"),
             _ => source,
@@ -313,6 +315,11 @@ pub fn paths_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
 pub fn is_hidden(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default();
     name.as_encoded_bytes().starts_with(b".")
+}
+
+/// Returns true for a link whose target is missing.
+pub fn is_broken_link(path: &Path) -> bool {
+    path.is_symlink() && !path.exists()
 }
 
 fn entries_in<T: Ord>(folder: &Path, of: impl Fn(&DirEntry) -> T) -> Result<Vec<T>, StoreError> {

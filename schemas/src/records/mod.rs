@@ -70,7 +70,7 @@ pub use pose_scores::{PoseAlignment, PoseAuc, PoseDrift, PoseScores, RelativePos
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 pub use result::{
-    DIAGNOSIS_PREFIX, Direction, Failure, ResultRecord, RunStatement, ScoredFile,
+    DIAGNOSIS_PREFIX, Direction, Failure, QUICK_LOOK, ResultRecord, RunStatement, ScoredFile,
     ScoredPredictions, ScoredRegions, StatedClock, Summary, TrainingKind, Unavailable,
     is_of_region,
 };

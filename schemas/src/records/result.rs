@@ -1,6 +1,6 @@
 //! `result`: the scores of one method on one scene under one protocol.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,6 +15,9 @@ use crate::{frame_scores::FRAME_SCORES_FILE, provenance::Hardware, store::Record
 /// Prefix of every warning of a result about a likely mistake of convention in its predictions, such as another order
 /// of channels. The author of the predictions should read these first.
 pub const DIAGNOSIS_PREFIX: &str = "check the convention: ";
+
+/// Reason of an [`Unavailable`] metric that scoring was told to leave out.
+pub const QUICK_LOOK: &str = "left out for a quick look";
 
 /// `result.json`. Per-frame values are in the Parquet table beside it.
 ///
@@ -228,6 +231,18 @@ impl ResultRecord {
     /// best, compared, averaged over scenes or submitted.
     pub fn is_complete(&self) -> bool {
         self.run_failure.is_none() && self.failures.is_empty()
+    }
+
+    /// Returns the metrics of the protocol that scoring was told to leave out. A result without them does not stand for
+    /// the whole protocol: it is neither ranked nor submitted.
+    pub fn left_out_metrics(&self) -> BTreeSet<&str> {
+        let mut metrics = BTreeSet::new();
+        for unavailable in &self.unavailable {
+            if unavailable.reason == QUICK_LOOK {
+                metrics.insert(unavailable.metric.as_str());
+            }
+        }
+        metrics
     }
 
     /// Returns the reason why the result is not complete, in one line: that of the run's failure, or else of the

@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_schemas::{
     Pose, Similarity,
-    pose::{far_cameras, far_frames},
+    pose::{far_cameras, far_frames, one_place},
 };
 use proptest::prelude::*;
 
@@ -153,6 +153,23 @@ fn far_frames_are_named() {
         "{line}"
     );
     assert!(!line.contains('\n'));
+}
+
+/// Turning cameras in one place show no parallax, whatever the coordinates of the place are.
+#[test]
+fn cameras_in_one_place_are_told() {
+    let at = |centre: DVec3, turn: f64| Some(Pose::new(DQuat::from_rotation_y(turn), centre));
+    for place in [DVec3::ZERO, dvec3(4e5, 5.2e6, 30.0)] {
+        let mut poses: Vec<_> = (0..8).map(|n| at(place, 0.1 * f64::from(n))).collect();
+        poses.push(None);
+        let line = one_place(&poses).unwrap_or_default();
+        assert!(line.contains("all 8 cameras"), "{line}");
+        // A tenth of a unit is parallax.
+        poses[3] = at(place + dvec3(0.1, 0.0, 0.0), 0.3);
+        assert_eq!(one_place(&poses), None);
+    }
+    assert_eq!(one_place(&[at(DVec3::ZERO, 0.0), None]), None);
+    assert_eq!(one_place(&[]), None);
 }
 
 /// A camera that stands for most of a clip and then walks is not wrong, and cameras in one place give no measure of

@@ -50,6 +50,11 @@ fn what_cannot_be_exchanged_is_refused() {
     let other = export.path().join("other");
     let error = import(&ImportRequest::new(&file, "colmap", "x", &other)).unwrap_err();
     assert!(error.to_string().contains("must be a folder"), "{error}");
+    // A finished folder is moved to its name.
+    for out in [".", "..", "/"] {
+        let error = import(&ImportRequest::new(&from, "colmap", "x", Path::new(out))).unwrap_err();
+        assert!(error.to_string().contains("name of a folder"), "{error}");
+    }
 }
 
 /// Frames stay apart, and no file from outside of the scene's folder is handed on.

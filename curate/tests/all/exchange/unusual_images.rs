@@ -1,6 +1,8 @@
 //! Images that programs see differently: transparent in places, or to be turned.
 
-use image::{DynamicImage, ImageFormat, RgbaImage};
+use image::{
+    DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, RgbaImage, codecs::png::PngEncoder,
+};
 
 use super::{foreign::Foreign, *};
 
@@ -150,4 +152,71 @@ fn what_asks_to_be_turned_is_turned_once() {
         omnilife_schemas::RgbImage::read(&path).is_err(),
         "read as it is, it is refused"
     );
+}
+
+/// Separators of Windows and names without endings lead to the files that are there, with a line.
+#[test]
+fn names_of_other_systems_are_found() {
+    let foreign = Foreign::new([32, 16], &[("images/a.png", 1), ("images/b.png", 2)]);
+    let text = transforms(&["images\\a.png", "images/b"]);
+    foreign.write("transforms.json", text);
+    let scene = foreign.import("nerfstudio").unwrap();
+    assert_eq!(foreign.shown(&scene), [(1, 0), (2, 10)]);
+    let problems = &scene.validation.problems;
+    let renamed = problems.iter().find(|line| line.contains("other names"));
+    assert!(
+        renamed.is_some_and(|line| line.contains("images\\a.png as images/a.png")
+            && line.contains("images/b as images/b.png")),
+        "{problems:?}"
+    );
+    // Two files of that name are no answer.
+    foreign.write("images/b.jpg", "another");
+    assert_eq!(foreign.import("nerfstudio").unwrap().frames.len(), 1);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_without_its_target_is_called_one() {
+    let foreign = Foreign::new([32, 16], &[("images/a.png", 1)]);
+    let link = foreign.path().join("in/images/b.png");
+    std::os::unix::fs::symlink("/nonexistent/b.png", &link).unwrap();
+    let names = ["images/a.png", "images/b.png"];
+    foreign.write("transforms.json", transforms(&names));
+    let problems = foreign.import("nerfstudio").unwrap().validation.problems;
+    let is_told = |line: &String| line.contains("link") && line.contains("images/b.png");
+    assert!(problems.iter().any(is_told), "{problems:?}");
+    foreign.write("transforms.json", transforms(&names[1..]));
+    let line = foreign.refusal("nerfstudio");
+    assert!(line.contains("a link whose target is missing"), "{line}");
+    let error = omnilife_schemas::image_file::ImageFile::open(&link).err();
+    let line = error.unwrap().to_string();
+    assert!(line.contains("a link whose target is missing"), "{line}");
+}
+
+/// Profiles are not applied and 16 bits not kept, each with a line; the files are copied as they are.
+#[test]
+fn colours_that_are_lost_are_told() {
+    let foreign = Foreign::new([32, 16], &[("images/a.png", 1)]);
+    let deep = image::ImageBuffer::<image::Rgb<u16>, _>::new(32, 16);
+    deep.save(foreign.path().join("in/images/b.png")).unwrap();
+    let mut profiled = Vec::new();
+    let mut encoder = PngEncoder::new(&mut profiled);
+    // A profile without a description is of unknown colours.
+    encoder.set_icc_profile(vec![0; 132]).unwrap();
+    let pixels = vec![90_u8; 3 * 32 * 16];
+    let colour = ExtendedColorType::Rgb8;
+    encoder.write_image(&pixels, 32, 16, colour).unwrap();
+    foreign.write("images/c.png", &profiled);
+    let names = ["images/a.png", "images/b.png", "images/c.png"];
+    foreign.write("transforms.json", transforms(&names));
+    let scene = foreign.import("nerfstudio").unwrap();
+    let problems = &scene.validation.problems;
+    for (words, name) in [("colour profile", "c.png"), ("16 bits", "b.png")] {
+        let mut lines = problems.iter().filter(|line| line.contains(words));
+        let line = lines.next().unwrap();
+        assert!(line.starts_with("1 ") && line.ends_with(name), "{line}");
+        assert_eq!(lines.next(), None);
+    }
+    let copied = fs::read(foreign.path().join("out").join(&scene.frames[2].image));
+    assert_eq!(copied.unwrap(), profiled);
 }
