@@ -202,8 +202,8 @@ fn mask_name(image: &str) -> String {
 }
 
 /// Returns the file that a name stands for: the one of that name, or else the one with `/` for the `\` of Windows, or
-/// else the only image of that name with an ending, as in the files of synthetic scenes of NeRF. Returns the name itself
-/// where no file is found.
+/// else the only image of that name with an ending, as in synthetic scenes of the first radiance fields. Returns the name
+/// itself where no file is found.
 fn file_for<'a>(folder: &Path, name: &'a str) -> Cow<'a, str> {
     const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
     if folder.join(name).exists() {

@@ -110,6 +110,8 @@ fn are_together(one: &Overlay, other: &Overlay) -> bool {
 
 #[cfg(test)]
 mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
     use std::ops::Range;
 
     use omnilife_schemas::records::{BoundaryKind, OverlayClass, OverlayReport};

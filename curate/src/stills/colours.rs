@@ -36,26 +36,21 @@ impl Colours {
 
 /// Returns a line for each kind of colours that is lost, with the number of frames and the first names.
 pub(crate) fn notes(frames: &[(String, Colours)]) -> Vec<String> {
-    let kinds: [(fn(&Colours) -> bool, &str); 2] = [
-        (
-            |colours| colours.has_other_profile,
-            "have a colour profile other than sRGB, which is not applied",
-        ),
-        (
-            |colours| colours.is_deep,
-            "have 16 bits per value, which are rounded to 8 where they are read",
-        ),
-    ];
-    let mut lines = Vec::new();
-    for (is_one, what) in kinds {
+    let line = |is_one: fn(&Colours) -> bool, loss: &str| {
         let of_kind = frames.iter().filter(|(_, colours)| is_one(colours));
         let names: Vec<String> = of_kind.map(|(name, _)| name.clone()).collect();
-        if !names.is_empty() {
-            let (count, first) = (names.len(), plain_text::first_of(&names));
-            lines.push(format!("{count} frames {what}: {first}"));
-        }
-    }
-    lines
+        let first = plain_text::first_of(&names);
+        (!names.is_empty()).then(|| format!("{} frames {loss}: {first}", names.len()))
+    };
+    let profiles = line(
+        |colours| colours.has_other_profile,
+        "have a colour profile other than sRGB, which is not applied",
+    );
+    let depths = line(
+        |colours| colours.is_deep,
+        "have 16 bits per value, which are rounded to 8 where they are read",
+    );
+    profiles.into_iter().chain(depths).collect()
 }
 
 /// Returns true for a profile whose description begins with "sRGB".
