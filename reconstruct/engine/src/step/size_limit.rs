@@ -34,7 +34,7 @@ pub(super) struct SizeLimit {
 
 impl SizeLimit {
     /// Returns the limit for a model under these settings. `None` if the renderer draws all sizes, sizes are
-    /// frozen, or shards learn one after another.
+    /// frozen, a network adds to them, or shards learn one after another.
     pub(super) fn of(model: &Model, settings: &TrainSettings) -> Option<Self> {
         let leaves_out = settings.renderer == RendererChoice::Exact
             && settings.rendering.footprint == Footprint::Projected;
@@ -42,7 +42,9 @@ impl SizeLimit {
             let sizes = part.table.arrays.get(LOG_SCALES);
             sizes.is_some_and(|sizes| !sizes.is_frozen())
         };
-        let sizes_learn = settings.shards.is_none() && model.parts.iter().all(learns);
+        let sizes_learn = settings.shards.is_none()
+            && settings.deformation.is_none()
+            && model.parts.iter().all(learns);
         (leaves_out && sizes_learn).then_some(Self {
             near: settings.rendering.near,
         })

@@ -8,8 +8,10 @@ use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
 use super::*;
 use crate::{
     camera::Camera,
+    clock::Clock,
     device::test_device,
     gaussians::{
+        deformable::{DeformationModel, settings::DeformationSettings},
         parameterization::Viewpoint,
         static_gaussians::{self, InitialGaussians},
         temporal::TemporalFeatures,
@@ -101,6 +103,14 @@ fn sizes_are_free_where_all_are_drawn_and_where_they_do_not_learn() {
     let mut frozen = four();
     frozen.parts[0].table.freeze(LOG_SCALES);
     assert_eq!(SizeLimit::of(&frozen, &settings(None)), None);
+    let mut deformed = settings(None);
+    deformed.deformation = Some(DeformationSettings {
+        clock: Clock::new(0.0, 0.1, 10.0),
+        model: DeformationModel::published(1.0),
+        warm_up_iterations: 0,
+        time_noise: None,
+    });
+    assert_eq!(SizeLimit::of(&four(), &deformed), None);
 }
 
 /// Returns the loss of a step on a grey image, and the sizes after it, of grey Gaussians of a size two units away in
