@@ -85,11 +85,11 @@ impl SizeLimit {
 
     /// Returns the distance of a Gaussian that a view would draw if it were smaller.
     fn exceeded(self, view: &View, position: [f32; 3], [x, y, z]: [f32; 3]) -> Option<f32> {
-        let offset = Vec3::from_array(position) - view.centre;
-        let distance = offset.length();
+        // The length of the rotated offset, which the render compares.
+        let point = view.rotation * (Vec3::from_array(position) - view.centre);
+        let distance = point.length();
         let is_too_large = x.max(y).max(z) >= distance;
-        let is_left_out =
-            is_too_large && (view.camera).sees(view.rotation * offset, distance, self.near);
+        let is_left_out = is_too_large && view.camera.sees(point, distance, self.near);
         is_left_out.then_some(distance)
     }
 }
