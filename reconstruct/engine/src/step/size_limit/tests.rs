@@ -80,16 +80,24 @@ fn assert_cut(view: &View, is_cut: [[bool; 3]; 4]) {
     }
 }
 
-#[test]
-fn what_a_view_leaves_out_for_its_size_is_cut_and_what_it_draws_keeps_its_bits() {
+/// Returns views with the axes of the four Gaussians that each cuts.
+fn cases() -> [(View, [[bool; 3]; 4]); 3] {
     let two_axes = [true, false, true];
     let (all, none) = ([true; 3], [false; 3]);
-    assert_cut(&view(PANORAMA, Mat3::IDENTITY), [two_axes, none, none, all]);
     let pinhole = PinholeCamera::with_horizontal_field_of_view(32, 16, 1.5);
     let pinhole = |rotation| view(Camera::Pinhole(pinhole), rotation);
-    assert_cut(&pinhole(Mat3::IDENTITY), [two_axes, none, none, none]);
-    let back = Mat3::from_rotation_y(PI);
-    assert_cut(&pinhole(back), [none, none, none, all]);
+    [
+        (view(PANORAMA, Mat3::IDENTITY), [two_axes, none, none, all]),
+        (pinhole(Mat3::IDENTITY), [two_axes, none, none, none]),
+        (pinhole(Mat3::from_rotation_y(PI)), [none, none, none, all]),
+    ]
+}
+
+#[test]
+fn what_a_view_leaves_out_for_its_size_is_cut_and_what_it_draws_keeps_its_bits() {
+    for (view, is_cut) in cases() {
+        assert_cut(&view, is_cut);
+    }
 }
 
 #[test]
@@ -113,9 +121,35 @@ fn sizes_are_free_where_all_are_drawn_and_where_they_do_not_learn() {
     assert_eq!(SizeLimit::of(&four(), &deformed), None);
 }
 
+/// Returns the loss of a step of a model on a grey image, and the sizes after it. Nothing learns.
+fn step(backend: BackendChoice, model: Model, view: View) -> (f64, ParameterArray) {
+    let views = [TrainingView {
+        frame: 0,
+        view,
+        pixels: vec![153; 32 * 16 * 3],
+        mask: None,
+        ignored: None,
+    }];
+    let inputs = InputViews {
+        camera: view.camera,
+        views: &views,
+    };
+    let schedule = StepSchedule {
+        iteration: 1,
+        learning_rates: model.trained_arrays().iter().map(|_| 0.0).collect(),
+        second_moments: SecondMomentDecay::PUBLISHED,
+        ..StepSchedule::default()
+    };
+    let mut stepper = stepper(inputs, model, &settings(None), backend).expect("static Gaussians");
+    stepper.step(0, &schedule).expect("a finite loss");
+    let loss = stepper.take_statistics().expect("finite losses").loss;
+    let model = stepper.model().expect("a model");
+    (loss, sizes(model).clone())
+}
+
 /// Returns the loss of a step on a grey image, and the sizes after it, of grey Gaussians of a size two units away in
-/// all directions. Nothing learns.
-fn step(backend: BackendChoice, size: f32) -> (f64, Vec<f32>) {
+/// all directions.
+fn step_of_grey(backend: BackendChoice, size: f32) -> (f64, Vec<f32>) {
     let place = |index: usize| {
         let y = 1.0 - (index as f32 + 0.5) / 200.0;
         let (sin, cos) = (2.399_963 * index as f32).sin_cos();
@@ -128,38 +162,18 @@ fn step(backend: BackendChoice, size: f32) -> (f64, Vec<f32>) {
         vec![[0.6; 3]; 400],
         vec![0.95; 400],
     );
-    let views = [TrainingView {
-        frame: 0,
-        view: view(PANORAMA, Mat3::IDENTITY),
-        pixels: vec![153; 32 * 16 * 3],
-        mask: None,
-        ignored: None,
-    }];
-    let inputs = InputViews {
-        camera: PANORAMA,
-        views: &views,
-    };
     let model = Model::of_static(static_gaussians::table(&grey, 0));
-    let schedule = StepSchedule {
-        iteration: 1,
-        learning_rates: model.trained_arrays().iter().map(|_| 0.0).collect(),
-        second_moments: SecondMomentDecay::PUBLISHED,
-        ..StepSchedule::default()
-    };
-    let mut stepper = stepper(inputs, model, &settings(None), backend).expect("static Gaussians");
-    stepper.step(0, &schedule).expect("a finite loss");
-    let loss = stepper.take_statistics().expect("finite losses").loss;
-    let model = stepper.model().expect("a model");
-    (loss, sizes(model).values.clone())
+    let (loss, sizes) = step(backend, model, view(PANORAMA, Mat3::IDENTITY));
+    (loss, sizes.values)
 }
 
 /// Checks that Gaussians of one and a half times their distance, all of which a render leaves out, show the image of
 /// their colour: a transmittance of 1e-3 at most is left, against a loss of 0.48 for a black image.
 fn assert_shown(backend: BackendChoice) {
-    let (loss, sizes) = step(backend, 3.0);
+    let (loss, sizes) = step_of_grey(backend, 3.0);
     assert!(loss < 0.01, "{loss}");
     assert!(sizes.iter().all(|size| size.abs() < 1e-5), "{sizes:?}");
-    let (loss, sizes) = step(backend, 1.9);
+    let (loss, sizes) = step_of_grey(backend, 1.9);
     assert!(loss < 0.01, "{loss}");
     assert!(sizes.iter().all(|&size| size == 1.9_f32.ln()), "{sizes:?}");
 }
@@ -169,9 +183,26 @@ fn a_scene_of_gaussians_that_are_all_too_large_is_shown() {
     assert_shown(BackendChoice::Cpu);
 }
 
+/// Checks that both backends cut the same axes of the four Gaussians, to the same sizes and moments.
+fn assert_cut_alike(view: View, is_cut: [[bool; 3]; 4]) {
+    let [cpu, gpu] =
+        [BackendChoice::Cpu, BackendChoice::Gpu].map(|backend| step(backend, four(), view).1);
+    for (index, &is_cut) in is_cut.as_flattened().iter().enumerate() {
+        let [on_cpu, on_gpu] = [&cpu, &gpu].map(|sizes| sizes.values[index]);
+        assert!((on_cpu - on_gpu).abs() < 1e-5, "{index}: {on_cpu} {on_gpu}");
+        let [on_cpu, on_gpu] = [&cpu, &gpu].map(|sizes| sizes.first_moments[index]);
+        assert!((on_cpu - on_gpu).abs() < 1e-3, "{index}: {on_cpu} {on_gpu}");
+        // A step leaves nine tenths of a moment, and adds a tenth of a gradient.
+        assert_eq!(on_gpu < 0.5, is_cut, "{index}: {on_gpu}");
+    }
+}
+
 #[test]
 fn a_gpu_cuts_as_the_cpu() {
     if test_device().is_some() {
         assert_shown(BackendChoice::Gpu);
+        for (view, is_cut) in cases() {
+            assert_cut_alike(view, is_cut);
+        }
     }
 }
