@@ -151,8 +151,8 @@ impl<'a> DenseSurfaces<'a> {
         known as f64 / pixels.max(1) as f64
     }
 
-    /// Returns, for each position, true if a view has a surface there, or all views have one in front of it: a Gaussian
-    /// there shows nothing more.
+    /// Returns, for each position, true if a view has a surface there: a Gaussian there shows nothing more. Input views
+    /// that are none of these may see a place behind the surfaces.
     pub fn cover(&self, positions: &[[f32; 3]]) -> Vec<bool> {
         let projectors = self.views.iter();
         let projectors: Vec<Projector> = projectors
@@ -160,19 +160,14 @@ impl<'a> DenseSurfaces<'a> {
             .collect();
         let tolerance = self.tolerance as f32;
         let is_covered = |position: &[f32; 3]| {
-            let (mut hidden, mut seen) = (0_usize, 0_usize);
-            for (view, projector) in self.views.iter().zip(&projectors) {
-                let Some((pixel, distance)) = projector.pixel(Vec3::from_array(*position)) else {
-                    continue;
-                };
-                let theirs = view.distances.values[pixel];
-                if theirs > 0.0 && (theirs - distance).abs() < tolerance * distance {
-                    return true;
-                }
-                seen += 1;
-                hidden += usize::from(theirs > 0.0 && theirs < distance);
-            }
-            seen > 0 && hidden == seen
+            let mut views = self.views.iter().zip(&projectors);
+            views.any(|(view, projector)| {
+                let seen = projector.pixel(Vec3::from_array(*position));
+                seen.is_some_and(|(pixel, distance)| {
+                    let theirs = view.distances.values[pixel];
+                    theirs > 0.0 && (theirs - distance).abs() < tolerance * distance
+                })
+            })
         };
         positions.par_iter().map(is_covered).collect()
     }

@@ -287,18 +287,18 @@ fn colours_are_those_of_the_image_as_coarse_as_the_samples() {
 }
 
 #[test]
-fn gaussians_on_and_behind_the_surfaces_are_covered() {
+fn gaussians_on_the_surfaces_are_covered_and_those_behind_stay() {
     let beside = DVec3::new(0.1, 0.0, 0.05);
     let (scene, sources) = scene(vec![view(0, DVec3::ZERO, ball), view(1, beside, ball)]);
     let surfaces = DenseSurfaces::of(&scene, sources);
     assert_eq!((surfaces.len(), surfaces.known_share()), (2, 1.0));
     let at = |distance: f32| (Vec3::new(0.6, 0.0, 0.8) * distance).to_array();
     let found = surfaces.cover(&[at(1.0), at(1.99), at(2.01), at(5.0)]);
-    assert_eq!(found, [false, true, true, true]);
-    // A floor leaves everything above it.
+    assert_eq!(found, [false, true, true, false]);
+    // A floor leaves everything above it and below.
     let floor = |_: DVec3, ray: DVec3| if ray.y > 0.2 { 1.0 / ray.y } else { 0.0 };
     let (scene, sources) = self::scene(vec![view(0, DVec3::ZERO, floor)]);
     let surfaces = DenseSurfaces::of(&scene, sources);
     let found = surfaces.cover(&[[0.0, -9.0, 0.0], [0.0, 9.0, 0.0], [0.0, 1.0, 0.0]]);
-    assert_eq!(found, [false, true, true]);
+    assert_eq!(found, [false, false, true]);
 }
