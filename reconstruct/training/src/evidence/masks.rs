@@ -2,13 +2,15 @@
 
 use std::{f64::consts::PI, fmt};
 
-use glam::dvec2;
 use omnilife_engine::camera::Camera;
-use omnilife_schemas::{camera::CameraModel, mask_survey::INVERTED_SHARE};
+use omnilife_schemas::mask_survey::INVERTED_SHARE;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::scene::{TrainingScene, mask_pieces::pieces};
+use crate::{
+    scene::{TrainingScene, mask_pieces::pieces},
+    seeds::depth::lift::pixel_steradians,
+};
 
 /// Minimum share of the visible directions for a connected patch larger than a speck: 1.0e-3 sr of the whole
 /// sphere, a spot of two degrees. A person 20 m away, two degrees wide and five high, has three times as much.
@@ -143,19 +145,6 @@ fn largest_patch_steradians(mask: &[u8], camera: &Camera) -> f64 {
         }
     }
     at_poles.into_iter().fold(largest, f64::max)
-}
-
-/// Returns the solid angle of a pixel, steradians.
-fn pixel_steradians(camera: &Camera, pixel: usize) -> f64 {
-    let width = camera.size()[0];
-    let (column, row) = (pixel % width, pixel / width);
-    match camera {
-        Camera::Erp(camera) => camera.pixel_solid_angle(row as u32),
-        Camera::Pinhole(camera) => {
-            let direction = camera.unproject(dvec2(column as f64 + 0.5, row as f64 + 0.5));
-            direction.z.powi(3) / (camera.fx * camera.fy)
-        }
-    }
 }
 
 /// Returns the solid angle of a camera's image, steradians.

@@ -1,6 +1,7 @@
 //! Moving objects, at several sizes and positions, against specks.
 
-use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
+use glam::dvec2;
+use omnilife_schemas::camera::{CameraModel, ErpCamera, PinholeCamera};
 
 use super::*;
 

@@ -25,12 +25,12 @@ use rayon::prelude::*;
 
 use super::{
     Agreement, DistanceView, LiftSettings, SourceView, SurfaceSamples, agreement, fit_scales,
-    lift::{lift, pixel_angle, sample_radius, z_onto},
+    lift::{lift, pixel_angle, pixel_steradians, sample_radius, z_onto},
     scaled,
     sources::{Origin, Sources},
     tolerance,
 };
-use crate::{scene::TrainingScene, seeds::sky::fibonacci_sphere};
+use crate::{scene::TrainingScene, seeds::sky::fibonacci_direction};
 
 /// Differences between the distances of files for which each view gets a factor: rounding to pixels explains less.
 const LEAST_DISAGREEMENT: f64 = 0.005;
@@ -38,6 +38,9 @@ const LEAST_DISAGREEMENT: f64 = 0.005;
 const GHOST_VIEWS: u16 = 2;
 /// First opacities of samples without any confidence, and with all of it.
 const OPACITIES: [f32; 2] = [0.3, 0.9];
+/// Directions of the first lattice, over those that have the limit's number of samples on the mean: more than the
+/// lattice's chances at edges.
+const CHANCES: f64 = 1.05;
 /// Shape of the samples: that of samples of which no other view has a finer one.
 const SHAPE: LiftSettings = LiftSettings {
     // The lattice is even by itself.
@@ -212,7 +215,7 @@ impl<'a> DenseSurfaces<'a> {
         let Some(finest) = cameras.map(directions_of_pixels).max() else {
             return (0, Vec::new());
         };
-        let mut directions = finest;
+        let mut directions = finest.min(self.most_directions(maximum));
         while directions > 0 {
             let places = self.places(directions);
             if places.len() <= maximum {
@@ -225,14 +228,29 @@ impl<'a> DenseSurfaces<'a> {
         (0, Vec::new())
     }
 
+    /// Returns a number of directions with at least `maximum` samples, by the solid angle of the views' own pixels:
+    /// `1.05 maximum 4 pi / omega`. No finer lattice has to be tried.
+    fn most_directions(&self, maximum: usize) -> usize {
+        let of_views = self.views.par_iter().zip(&self.layers);
+        let of_views = of_views.map(|(view, layer)| {
+            let samples = layer.sample_of.iter().enumerate();
+            let own = samples.filter(|(_, sample)| sample.is_some());
+            own.map(|(pixel, _)| pixel_steradians(&view.view.view.camera, pixel))
+                .sum::<f64>()
+        });
+        // Summed in the views' order.
+        let omega: f64 = of_views.collect::<Vec<_>>().iter().sum();
+        (CHANCES * maximum as f64 * 4.0 * PI / omega).ceil() as usize
+    }
+
     /// Returns the samples of a lattice of so many directions about every camera.
     fn places(&self, directions: usize) -> Vec<Place> {
-        let lattice = fibonacci_sphere(directions);
         let of_view = |view: usize| {
             let camera = self.views[view].view.view.camera;
             let width = camera.width() as usize;
             let sample_of = &self.layers[view].sample_of;
-            let place = |&direction: &Vec3| {
+            let place = |index: usize| {
+                let direction = fibonacci_direction(index, directions);
                 let [column, row] = camera.pixel_of(direction, 1.0)?;
                 let sample = sample_of[row * width + column]? as usize;
                 Some(Place {
@@ -241,7 +259,8 @@ impl<'a> DenseSurfaces<'a> {
                     direction,
                 })
             };
-            lattice.par_iter().filter_map(place).collect::<Vec<_>>()
+            let indices = (0..directions).into_par_iter();
+            indices.filter_map(place).collect::<Vec<_>>()
         };
         (0..self.views.len()).flat_map(of_view).collect()
     }

@@ -2,12 +2,12 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, dvec2};
 use omnilife_engine::{
     camera::{Camera, View},
     gaussians::static_gaussians::InitialGaussians,
 };
-use omnilife_schemas::distances::DistanceImage;
+use omnilife_schemas::{camera::CameraModel, distances::DistanceImage};
 use rayon::prelude::*;
 
 use super::normals::{self, Points};
@@ -345,6 +345,19 @@ pub(super) fn pixel_angle(camera: &Camera, ray: DVec3) -> f64 {
         }
         // d(omega) = cos^3 du dv / (fx fy)
         Camera::Pinhole(camera) => (ray.z.powi(3) / (camera.fx * camera.fy)).sqrt(),
+    }
+}
+
+/// Returns the solid angle of a pixel, steradians.
+pub(crate) fn pixel_steradians(camera: &Camera, pixel: usize) -> f64 {
+    let width = camera.size()[0];
+    let (column, row) = (pixel % width, pixel / width);
+    match camera {
+        Camera::Erp(camera) => camera.pixel_solid_angle(row as u32),
+        Camera::Pinhole(camera) => {
+            let direction = camera.unproject(dvec2(column as f64 + 0.5, row as f64 + 0.5));
+            direction.z.powi(3) / (camera.fx * camera.fy)
+        }
     }
 }
 

@@ -7,6 +7,7 @@ use omnilife_schemas::{
 };
 
 use super::*;
+use crate::seeds::sky::fibonacci_sphere;
 
 const CAMERA: ErpCamera = ErpCamera::new(256, 128);
 /// Radius of the ball that views stand in.
@@ -122,6 +123,14 @@ fn samples_stand_for_the_whole_sphere_whatever_the_limit() {
             (at_seam as f64 - strip).abs() < 0.04 * strip + 2.5,
             "{at_seam} {strip}"
         );
+    }
+}
+
+#[test]
+fn directions_by_index_are_those_of_the_sphere() {
+    for (index, direction) in fibonacci_sphere(1_000).into_iter().enumerate() {
+        let by_index = fibonacci_direction(index, 1_000);
+        assert!(by_index.distance(direction) < 1e-5, "{index}: {by_index}");
     }
 }
 
