@@ -72,7 +72,7 @@ fn apply(draft: &mut Draft<'_>) {
     }
     let room = draft.room() as usize;
     let others = draft.points.len() + draft.fixed.len();
-    keep_uncovered(draft, &surfaces, room / OTHERS_PART);
+    let left_out = keep_uncovered(draft, &surfaces, room / OTHERS_PART);
     let kept = draft.points.len() + draft.fixed.len();
     let samples = surfaces.samples(room.saturating_sub(kept), draft.settings.exposure.as_ref());
     let count = samples.gaussians.len();
@@ -80,10 +80,19 @@ fn apply(draft: &mut Draft<'_>) {
     let degrees = steradians.sqrt().to_degrees();
     place(draft, samples);
     let [begin, end] = delay_density(draft);
+    let factors = surfaces
+        .disagreement_before
+        .map_or_else(String::new, |before| {
+            format!(" (factors of each view, before: {:.2} %)", 100.0 * before)
+        });
+    let thinned = match left_out {
+        0 => String::new(),
+        _ => format!("; {left_out} uncovered ones are left out for half of the limit"),
+    };
     let outcome = format!(
         "{count} samples, {degrees:.2} degrees across, of {} views by {}: {:.0} % of their pixels \
-         have a distance, {:.2} % apart between views; {kept} of {others} Gaussians at points and \
-         of the sky stay; density control from iteration {begin} to {end}, without resets of \
+         have a distance, {:.2} % apart between views{factors}; {kept} of {others} Gaussians at points \
+         and of the sky stay{thinned}; density control from iteration {begin} to {end}, without resets of \
          opacities before",
         surfaces.len(),
         surfaces.origin,
@@ -93,17 +102,20 @@ fn apply(draft: &mut Draft<'_>) {
     draft.report(ID, &outcome);
 }
 
-/// Keeps the Gaussians where no view knows a surface, at most so many, evenly thinned.
-fn keep_uncovered(draft: &mut Draft<'_>, surfaces: &DenseSurfaces<'_>, most: usize) {
+/// Keeps the Gaussians where no view knows a surface, at most so many, evenly thinned; returns the number of those
+/// that it thins out.
+fn keep_uncovered(draft: &mut Draft<'_>, surfaces: &DenseSurfaces<'_>, most: usize) -> usize {
     let [of_points, of_fixed] =
         [&draft.points, &draft.fixed].map(|gaussians| uncovered(gaussians, surfaces));
-    let all = (of_points.len() + of_fixed.len()).max(most).max(1);
+    let found = of_points.len() + of_fixed.len();
+    let all = found.max(most).max(1);
     let [of_points, of_fixed] = [(&draft.points, of_points), (&draft.fixed, of_fixed)]
         .map(|(gaussians, kept)| thinned(gaussians, &kept, kept.len() * most / all));
     let indices = of_points.iter().map(|&at| draft.point_indices[at]);
     draft.point_indices = indices.collect();
     draft.points = draft.points.selected(&of_points);
     draft.fixed = draft.fixed.selected(&of_fixed);
+    found - of_points.len() - of_fixed.len()
 }
 
 /// Returns the indices of Gaussians that the surfaces do not cover.
@@ -130,7 +142,8 @@ fn place(draft: &mut Draft<'_>, samples: DenseSamples) {
     draft.fixed.append(lasting);
 }
 
-/// Returns, for each position, true if Gaussians there have all of the method's parameters.
+/// Returns, for each position, true if Gaussians there have all of the method's parameters: all of them without
+/// scene points.
 fn changing(draft: &Draft<'_>, positions: &[[f32; 3]]) -> Vec<bool> {
     let pilot = draft.evidence.pilot.as_ref();
     let Some(pilot) = pilot.filter(|_| draft.is_used(static_table::ID)) else {
@@ -143,13 +156,15 @@ fn changing(draft: &Draft<'_>, positions: &[[f32; 3]]) -> Vec<bool> {
     let nearest = |&position: &[f32; 3]| tree.nearest_neighbor(position);
     let of_nearest = positions.iter().map(nearest);
     of_nearest
-        .map(|nearest| nearest.is_some_and(|point| point.data))
+        .map(|nearest| nearest.is_none_or(|point| point.data))
         .collect()
 }
 
 /// Delays density control; returns its first and last iterations.
 fn delay_density(draft: &mut Draft<'_>) -> [u64; 2] {
-    let [begin, end] = DENSIFY_QUARTERS.map(|quarters| quarters * draft.settings.iterations / 4);
+    let iterations = u128::from(draft.settings.iterations);
+    let [begin, end] =
+        DENSIFY_QUARTERS.map(|quarters| (u128::from(quarters) * iterations / 4) as u64);
     let densify = &mut draft.settings.densify;
     densify.begin_iteration = densify.begin_iteration.max(begin);
     densify.end_iteration = densify.end_iteration.max(end);

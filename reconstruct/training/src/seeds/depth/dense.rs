@@ -60,6 +60,8 @@ pub struct DenseSurfaces<'a> {
     pub origin: String,
     /// Median relative difference of two views' distances to one surface.
     pub disagreement: f64,
+    /// That difference before each view got a factor on its distances; `None` without factors.
+    pub disagreement_before: Option<f64>,
 }
 
 /// The samples of a view's pixels.
@@ -103,7 +105,8 @@ impl<'a> DenseSurfaces<'a> {
         let fit = fit_scales(&as_given(&views));
         let mut disagreement = fit.disagreement_before;
         // The scale of a sweep is that of the poses.
-        if origin_kind == Origin::Files && disagreement > LEAST_DISAGREEMENT {
+        let is_scaled = origin_kind == Origin::Files && disagreement > LEAST_DISAGREEMENT;
+        if is_scaled {
             scaled(&mut views, &fit);
             disagreement = fit.disagreement_after;
         }
@@ -111,7 +114,7 @@ impl<'a> DenseSurfaces<'a> {
         let lifted: Vec<SurfaceSamples> = as_given(&views)
             .iter()
             .enumerate()
-            .map(|(number, view)| lift(view, number as u64, &SHAPE))
+            .map(|(number, view)| without_shapes(lift(view, number as u64, &SHAPE)))
             .collect();
         // A place is left to a view only where that view has a sample.
         for (view, lifted) in views.iter_mut().zip(&lifted) {
@@ -134,6 +137,7 @@ impl<'a> DenseSurfaces<'a> {
             tolerance,
             origin,
             disagreement,
+            disagreement_before: is_scaled.then_some(fit.disagreement_before),
         }
     }
 
@@ -189,9 +193,11 @@ impl<'a> DenseSurfaces<'a> {
             .collect();
         let mut gaussians = InitialGaussians::default();
         for place in places {
+            let Some(shown) = images[place.view].colour(place.direction) else {
+                continue;
+            };
             let (position, radius, normal) = self.surface(place, pitch);
             let view = &self.images[place.view].view;
-            let shown = images[place.view].colour(place.direction);
             let colour = exposure.map_or(shown, |exposure| {
                 exposure.normalized(shown, view.time_seconds)
             });
@@ -322,17 +328,25 @@ impl TargetImage {
         }
     }
 
-    /// Returns the colour in a direction that the image shows.
-    fn colour(&self, direction: Vec3) -> [f32; 3] {
-        let pixel = self.camera.pixel_of(direction, 1.0);
-        let [column, row] = pixel.unwrap_or_default();
+    /// Returns the colour in a direction; `None` for one that the image does not show.
+    fn colour(&self, direction: Vec3) -> Option<[f32; 3]> {
+        let [column, row] = self.camera.pixel_of(direction, 1.0)?;
         let first = 3 * (row * self.image.width + column);
-        [0, 1, 2].map(|channel| self.image.data[first + channel])
+        Some([0, 1, 2].map(|channel| self.image.data[first + channel]))
     }
 }
 
 fn as_given(views: &[SourceView]) -> Vec<DistanceView<'_>> {
     views.iter().map(SourceView::as_given).collect()
+}
+
+/// Drops scales, rotations, colours and opacities: samples get those of their lattice.
+fn without_shapes(mut lifted: SurfaceSamples) -> SurfaceSamples {
+    lifted.gaussians = InitialGaussians {
+        positions: lifted.gaussians.positions,
+        ..InitialGaussians::default()
+    };
+    lifted
 }
 
 /// Sets the distances of all other pixels to unknown.

@@ -56,9 +56,9 @@ const OF_ALL_VIEWS: Demands = Demands {
     inverse: 1.0 / 200.0,
     confidence: 0.0,
 };
-/// Minimum parallax of a distance of some views, pixels of the search, and the confidence of its match. A place at that
-/// parallax is off by a third of its distance at most, and by half a pixel in the views that found it.
+/// Minimum parallax of a distance of some views: half a pixel of the search.
 const LEAST_PARALLAX: f32 = 0.5;
+/// Confidence above which a match of theirs counts.
 const LEAST_CONFIDENCE: f32 = 0.1;
 
 /// Returns the origin of the distances that [`of_some`] takes, before any is read; `None` where a scene has no file of
