@@ -188,6 +188,7 @@ fn prepare(
     } else {
         initial::FirstObjects::default()
     };
+    draft.reserved = objects.gaussians.len() as u64;
     draft.add_components();
     let degree = draft.settings.rendering.sh_degree;
     let initial = points::join(take(&mut draft.points), take(&mut draft.fixed));

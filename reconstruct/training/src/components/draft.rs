@@ -37,6 +37,8 @@ pub struct Draft<'a> {
     pub(crate) point_indices: Vec<usize>,
     /// Gaussians without temporal parameters.
     pub fixed: InitialGaussians,
+    /// Number of Gaussians that the method adds to those of this draft, within the limit.
+    pub reserved: u64,
     /// The decisions so far.
     pub(crate) plan: DecisionLog<'a>,
     /// Outcomes of components, for readers of the scores.
@@ -95,6 +97,7 @@ impl<'a> Draft<'a> {
             points: InitialGaussians::default(),
             point_indices: Vec::new(),
             fixed: InitialGaussians::default(),
+            reserved: 0,
             plan: DecisionLog::new(request),
             remarks: Vec::new(),
             motion,
@@ -156,10 +159,10 @@ impl<'a> Draft<'a> {
         }
     }
 
-    /// Returns the room for Gaussians that are not seeds.
+    /// Returns the room for Gaussians that are neither seeds nor reserved.
     pub(crate) fn room(&self) -> u64 {
         let maximum = self.settings.densify.maximum_gaussians;
-        maximum.saturating_sub(self.seeds.gaussians.len() as u64)
+        maximum.saturating_sub(self.seeds.gaussians.len() as u64 + self.reserved)
     }
 
     fn place_points(&mut self) {
