@@ -4,6 +4,9 @@
 //! Distances come from files where a scene has any, otherwise from sphere sweeps between input views. Gaussians at scene
 //! points and of the sky stay where no view knows a surface. Masked pixels have no samples: seeds start on them, where
 //! a method has these. Source: EDGS ([`dense`](crate::seeds::depth::dense)).
+//!
+//! The first densification takes the mean gradients of all steps before it: those of half of the schedule, where others
+//! take those of one interval.
 
 use std::f64::consts::PI;
 
@@ -12,6 +15,7 @@ use omnilife_schemas::points::PointCloud;
 use rstar::{RTree, primitives::GeomWithData};
 
 use crate::{
+    baseline::OPACITY_RESET,
     components::{Component, Decision, Draft, Turn, static_table},
     evidence::SceneEvidence,
     seeds::{
@@ -100,6 +104,10 @@ fn apply(draft: &mut Draft<'_>) {
         100.0 * surfaces.disagreement,
     );
     draft.report(ID, &outcome);
+    if draft.is_used(OPACITY_RESET) {
+        let outcome = format!("from iteration {begin} on");
+        draft.plan.add_outcome(OPACITY_RESET, true, &outcome);
+    }
 }
 
 /// Keeps the Gaussians where no view knows a surface, at most so many, evenly thinned; returns the number of those
