@@ -38,7 +38,7 @@ use omnilife_engine::{
 
 use self::{
     anchored::{Anchored, CentreRefinement, ScaffoldLoss, ScaffoldWeight},
-    samples::{LEAST_DISAGREEMENT, Samples},
+    samples::Samples,
     shards::Sharding,
     surface::Surface,
 };
@@ -371,11 +371,6 @@ fn surface(samples: &Samples, plan: &mut DecisionLog<'_>, centres_move: bool) ->
     }
     let surface = Surface::of(samples);
     plan.decide(SCAFFOLD, surface.decision()).then_some(surface)
-}
-
-/// Returns true if the distances of views of one surface differ by more than the rounding to pixels.
-fn differ(disagreement: f64) -> bool {
-    disagreement > LEAST_DISAGREEMENT
 }
 
 #[cfg(test)]

@@ -1,14 +1,10 @@
 //! First Gaussians of a run, from views with distances.
 
 use omnilife_engine::gaussians::static_gaussians::InitialGaussians;
-use omnilife_schemas::{
-    points::PointCloud,
-    records::{DistanceConvention, Lift},
-};
+use omnilife_schemas::{points::PointCloud, records::Lift};
 
 use super::{
-    DEPTH_REFINEMENT, DEPTH_SCALE, POLE_THINNING, REDUNDANT_SAMPLES, depth_refinement, differ,
-    manifest,
+    DEPTH_REFINEMENT, DEPTH_SCALE, POLE_THINNING, REDUNDANT_SAMPLES, depth_refinement, manifest,
 };
 use omnilife_training::{
     components::{Decision, DecisionLog, sky_shell},
@@ -17,7 +13,9 @@ use omnilife_training::{
     seeds::{
         depth::{
             Agreement, DistanceView, LiftCounts, LiftSettings, ScaleFit, SourceView,
-            SurfaceSamples, agreement, checks, fit_scales, lift, scaled,
+            SurfaceSamples, agreement,
+            checks::{self, LEAST_DISAGREEMENT, differ},
+            fit_scales, lift, scaled,
             sources::{self, Sources},
             tolerance,
         },
@@ -26,18 +24,8 @@ use omnilife_training::{
     },
 };
 
-/// Differences between views that the rounding to pixels explains.
-pub(super) const LEAST_DISAGREEMENT: f64 = 0.005;
 /// Minimum share of samples in two views for a choice between them.
 const LEAST_SHARED: f64 = 0.05;
-/// Minimum gain in agreement of mirrored views for a mirrored world, dB.
-const MIRRORED_DECIBELS: f64 = 3.0;
-/// Maximum share of places in two views with different distances; occlusions count.
-const MOST_APART: f64 = 0.1;
-/// Minimum ratio of that share to the share with mirrored distances for a mirrored world.
-const APART_FACTOR: f64 = 1.5;
-/// Minimum gain in agreement under another convention for taking it as the meant one, a factor.
-const CONVENTION_FACTOR: f64 = 3.0;
 /// Maximum growth of thinned samples.
 const LARGEST_GROWTH: f32 = 4.0;
 /// Maximum number of places for finding directions without distances.
@@ -100,7 +88,7 @@ impl Samples {
             size,
             ..
         } = sources::of_scene(scene)?;
-        check(scene, &views)?;
+        checks::require_meaning(scene, &distance_views(&views))?;
         let mut warnings = vec![format!("distances are those of {origin}")];
         let agreed = agreed(scene, &mut views, plan, &mut warnings);
         refine(scene, &mut views, size, plan);
@@ -253,56 +241,6 @@ fn points_of(gaussians: &InitialGaussians) -> PointCloud<f32> {
 
 fn distance_views(views: &[SourceView]) -> Vec<DistanceView<'_>> {
     views.iter().map(SourceView::as_given).collect()
-}
-
-/// Refuses distances of a mirrored world, or of another convention than their record's.
-fn check(scene: &TrainingScene, views: &[SourceView]) -> Result<(), ReconstructError> {
-    let views = distance_views(views);
-    let refuse = |reason: String| {
-        Err(ReconstructError::Request {
-            reason: format!("{}: {reason}", scene.id),
-        })
-    };
-    let prior = scene.depth_priors.iter().flatten().next();
-    if let Some(prior) = prior {
-        let (said, other) = match prior.prior.convention {
-            DistanceConvention::Ray => ("ray", DistanceConvention::Z),
-            DistanceConvention::Z => ("z", DistanceConvention::Ray),
-        };
-        if let Some([as_given, otherwise]) = checks::convention_disagreements(&views, other)
-            && as_given > CONVENTION_FACTOR * otherwise
-            && differ(as_given)
-        {
-            return refuse(format!(
-                "its distances are not along {said}: views differ by {:.1} %, and by {:.1} % where the \
-                 other convention is meant (curate poses --depth-prior-convention)",
-                100.0 * as_given,
-                100.0 * otherwise
-            ));
-        }
-    }
-    match checks::handedness_scores(&views) {
-        Some([straight, mirrored]) if mirrored > straight + MIRRORED_DECIBELS => {
-            return refuse(format!(
-                "its poses are of a mirrored world: colours of places that two views see agree to \
-                 {straight:.1} dB, and to {mirrored:.1} dB with the images mirrored"
-            ));
-        }
-        _ => {}
-    }
-    match checks::mirrored_disagreements(&views) {
-        Some([as_given, mirrored])
-            if as_given > MOST_APART && as_given > APART_FACTOR * mirrored =>
-        {
-            refuse(format!(
-                "its distances are mirrored: views disagree on {:.1} % of what they show of each other, \
-                 and on {:.1} % with every distance image mirrored",
-                100.0 * as_given,
-                100.0 * mirrored
-            ))
-        }
-        _ => Ok(()),
-    }
 }
 
 /// Applies factors to the views' distances where they disagree.

@@ -8,11 +8,83 @@ use super::{
     lift::DistanceView,
     pairs::{ScaledViews, Sighting},
 };
+use crate::{error::ReconstructError, scene::TrainingScene};
 
 /// Maximum difference of two views' values at one surface.
 const ONE_SURFACE: f64 = 0.1;
 /// Minimum number of places for comparing colours.
 const LEAST_PLACES: usize = 500;
+/// Differences between views that the rounding to pixels explains.
+pub const LEAST_DISAGREEMENT: f64 = 0.005;
+/// Minimum gain in agreement of mirrored views for a mirrored world, dB.
+const MIRRORED_DECIBELS: f64 = 3.0;
+/// Maximum share of places in two views with different distances; occlusions count.
+const MOST_APART: f64 = 0.1;
+/// Minimum ratio of that share to the share with mirrored distances for a mirrored world.
+const APART_FACTOR: f64 = 1.5;
+/// Minimum gain in agreement under another convention for taking it as the meant one, a factor.
+const CONVENTION_FACTOR: f64 = 3.0;
+
+/// Returns true if the distances of views of one surface differ by more than the rounding to pixels.
+pub fn differ(disagreement: f64) -> bool {
+    disagreement > LEAST_DISAGREEMENT
+}
+
+/// Refuses distances of a mirrored world, or of another convention than their record's: `views` are those of the
+/// scene that have some.
+///
+/// # Errors
+/// When the views agree clearly better under another meaning of the distances or poses.
+pub fn require_meaning(
+    scene: &TrainingScene,
+    views: &[DistanceView<'_>],
+) -> Result<(), ReconstructError> {
+    let refuse = |reason: String| {
+        Err(ReconstructError::Request {
+            reason: format!("{}: {reason}", scene.id),
+        })
+    };
+    let prior = scene.depth_priors.iter().flatten().next();
+    if let Some(prior) = prior {
+        let (said, other) = match prior.prior.convention {
+            DistanceConvention::Ray => ("ray", DistanceConvention::Z),
+            DistanceConvention::Z => ("z", DistanceConvention::Ray),
+        };
+        if let Some([as_given, otherwise]) = convention_disagreements(views, other)
+            && as_given > CONVENTION_FACTOR * otherwise
+            && differ(as_given)
+        {
+            return refuse(format!(
+                "its distances are not along {said}: views differ by {:.1} %, and by {:.1} % where the \
+                 other convention is meant (curate poses --depth-prior-convention)",
+                100.0 * as_given,
+                100.0 * otherwise
+            ));
+        }
+    }
+    match handedness_scores(views) {
+        Some([straight, mirrored]) if mirrored > straight + MIRRORED_DECIBELS => {
+            return refuse(format!(
+                "its poses are of a mirrored world: colours of places that two views see agree to \
+                 {straight:.1} dB, and to {mirrored:.1} dB with the images mirrored"
+            ));
+        }
+        _ => {}
+    }
+    match mirrored_disagreements(views) {
+        Some([as_given, mirrored])
+            if as_given > MOST_APART && as_given > APART_FACTOR * mirrored =>
+        {
+            refuse(format!(
+                "its distances are mirrored: views disagree on {:.1} % of what they show of each other, \
+                 and on {:.1} % with every distance image mirrored",
+                100.0 * as_given,
+                100.0 * mirrored
+            ))
+        }
+        _ => Ok(()),
+    }
+}
 
 /// Returns the median relative difference between the distances of two views, all pairs together: of the
 /// distances as they are, and of the same numbers read by another convention. Occlusions count in both. `None`

@@ -24,7 +24,9 @@ use omnilife_schemas::{RgbImage, distances::EDGE_RATIO};
 use rayon::prelude::*;
 
 use super::{
-    Agreement, DistanceView, LiftSettings, SourceView, SurfaceSamples, agreement, fit_scales,
+    Agreement, DistanceView, LiftSettings, SourceView, SurfaceSamples, agreement,
+    checks::differ,
+    fit_scales,
     lift::{lift, pixel_angle, pixel_steradians, sample_radius, z_onto},
     scaled,
     sources::{Origin, Sources},
@@ -32,8 +34,6 @@ use super::{
 };
 use crate::{scene::TrainingScene, seeds::sky::fibonacci_direction};
 
-/// Differences between the distances of files for which each view gets a factor: rounding to pixels explains less.
-const LEAST_DISAGREEMENT: f64 = 0.005;
 /// Minimum number of views that see past a sample for leaving it out.
 const GHOST_VIEWS: u16 = 2;
 /// First opacities of samples without any confidence, and with all of it.
@@ -105,7 +105,7 @@ impl<'a> DenseSurfaces<'a> {
         let fit = fit_scales(&as_given(&views));
         let mut disagreement = fit.disagreement_before;
         // The scale of a sweep is that of the poses.
-        let is_scaled = origin_kind == Origin::Files && disagreement > LEAST_DISAGREEMENT;
+        let is_scaled = origin_kind == Origin::Files && differ(disagreement);
         if is_scaled {
             scaled(&mut views, &fit);
             disagreement = fit.disagreement_after;

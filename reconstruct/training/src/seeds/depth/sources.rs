@@ -8,7 +8,7 @@ use omnilife_schemas::{
     distances::{DistanceImage, EDGE_RATIO},
 };
 
-use super::SourceView;
+use super::{DistanceView, SourceView, checks};
 use crate::{
     error::ReconstructError,
     scene::{TrainingScene, depth::resized_view},
@@ -101,12 +101,16 @@ pub fn of_scene(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
 /// sphere sweeps against the view before and the one after at the gap with most parallax that still matches.
 ///
 /// # Errors
-/// When a file is not usable, the views are no panoramas, or all cameras stand in one place.
+/// When a file is not usable or means other distances than its record says, the views are no panoramas, or all cameras
+/// stand in one place.
 pub fn of_some(scene: &TrainingScene, most: usize) -> Result<Sources, ReconstructError> {
     let given = with_file(scene);
     if !given.is_empty() {
         let chosen = evenly(given.len(), most).map(|at| given[at]).collect();
-        return read(scene, chosen);
+        let sources = read(scene, chosen)?;
+        let views: Vec<DistanceView<'_>> = sources.views.iter().map(SourceView::as_given).collect();
+        checks::require_meaning(scene, &views)?;
+        return Ok(sources);
     }
     let without_parallax = || ReconstructError::Request {
         reason: format!(
