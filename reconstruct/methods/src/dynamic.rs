@@ -77,8 +77,8 @@ pub(super) fn temporal_density(settings: &TrainSettings) -> TemporalDensity {
     }
 }
 
-/// Returns the iteration at half of density control: half of its end, as published, or half of the way from its begin
-/// to its end where it begins later.
+/// Returns the iteration at half of density control: half of its last one, as published, or the middle between its
+/// first and its last where it starts later.
 fn half_of_density(densify: &DensifySettings) -> u64 {
     let (begin, end) = (densify.begin_iteration, densify.end_iteration);
     let half = end / 2;
