@@ -364,4 +364,14 @@ mod tests {
         assert_eq!(found.unjudged, None);
         assert!(screened(&frames[..5], &[]).unjudged.is_some());
     }
+
+    #[test]
+    fn shots_that_are_all_too_short_are_judged_together() {
+        let frames = [shot(1, 0..9, 9), shot(2, 0..9, 9), shot(3, 0..9, 9)].concat();
+        let found = screened(&frames, &[9, 18]);
+        assert_eq!(found.unjudged, None);
+        assert_eq!(found.spans.len(), 1, "{found:#?}");
+        assert_eq!((found.spans[0].first_shot, found.spans[0].shots), (0, 3));
+        assert!(found.overlays.iter().any(is_the_letters), "{found:#?}");
+    }
 }
