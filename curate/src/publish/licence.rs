@@ -63,8 +63,9 @@ const LICENCES: &[Licence] = &[
 /// Prefix of identifiers of licences that are not on the SPDX list.
 const OWN_PREFIX: &str = "LicenseRef-";
 
-/// Returns a licence in the spelling of the SPDX list, whose letter case does not matter; `LicenseRef-` identifiers and
-/// http addresses as they are.
+/// Returns a licence in the spelling of the SPDX list, by its identifier there or on the hub, whose letter case does not
+/// matter; `LicenseRef-` identifiers and http addresses as they are. An identifier of the hub that covers several
+/// licences stands for the first one.
 ///
 /// # Errors
 /// One line with the accepted forms, for any other text.
@@ -101,9 +102,10 @@ pub(super) fn is_address(text: &str) -> bool {
 }
 
 fn known(text: &str) -> Option<&'static Licence> {
+    let is_known = |id: &str| id.eq_ignore_ascii_case(text);
     LICENCES
         .iter()
-        .find(|(id, _)| id.eq_ignore_ascii_case(text))
+        .find(|(id, hub)| is_known(id) || hub.is_some_and(is_known))
 }
 
 #[cfg(test)]
@@ -115,6 +117,10 @@ mod tests {
         for (text, expected) in [
             ("cc-by-4.0", "CC-BY-4.0"),
             ("odbl-1.0", "ODbL-1.0"),
+            ("odbl", "ODbL-1.0"),
+            ("ODC-BY", "ODC-By-1.0"),
+            ("pddl", "PDDL-1.0"),
+            ("GPL-3.0-or-later", "GPL-3.0-or-later"),
             (" MIT ", "MIT"),
             ("LicenseRef-Lab-1.0", "LicenseRef-Lab-1.0"),
             ("https://example.org/terms", "https://example.org/terms"),
