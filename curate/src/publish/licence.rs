@@ -83,7 +83,7 @@ pub fn licence(text: &str) -> Result<String, String> {
     }
     let ids: Vec<&str> = LICENCES.iter().map(|(id, _)| *id).collect();
     Err(format!(
-        "must be an SPDX identifier ({}), {OWN_PREFIX}NAME, or the http address of a licence, got {text:?}",
+        "must be one of the SPDX identifiers {}, {OWN_PREFIX}NAME, or the http address of a licence, got {text:?}",
         ids.join(", ")
     ))
 }
