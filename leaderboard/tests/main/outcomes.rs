@@ -305,4 +305,8 @@ fn a_quick_look_is_best_in_no_output() {
             "{file}: {table}"
         );
     }
+    let pages = files(&place.request.out.join("site/methods")).into_iter();
+    let pages = pages.map(|(_, bytes)| String::from_utf8(bytes).unwrap());
+    let why = "Not ranked: metrics of the protocol were left out for a quick look.";
+    assert_eq!(pages.filter(|page| page.contains(why)).count(), 1);
 }
