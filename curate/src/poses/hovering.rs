@@ -160,7 +160,7 @@ fn is_planar(left: Option<f64>, size: [usize; 2]) -> bool {
 fn misfit(left: Option<f64>, size: [usize; 2]) -> String {
     match left {
         Some(left) => format!(
-            "homographies of a plane leave {left:.2} pixels between frames (limit {:.2})",
+            "rotations leave {left:.2} pixels between frames (limit {:.2})",
             most_remainder(size)
         ),
         None => "too little detail shows to tell".to_owned(),
@@ -187,7 +187,7 @@ fn hovering(
             };
             let fit = left.map_or_else(String::new, |left| format!(" to {left:.2} pixels"));
             let problem = format!(
-                "the camera hovers: no parallax ({why}), and homographies explain the frames{fit}; its \
+                "the camera hovers: no parallax ({why}), and rotations explain the frames{fit}; its \
                  ground is assumed to be a level plane, {tilt}, at a distance of 1 (--altitude brings it to metres)"
             );
             (ground.poses, ground.points, turns.reason, problem)
