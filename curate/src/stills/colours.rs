@@ -40,15 +40,16 @@ pub(crate) fn notes(frames: &[(String, Colours)]) -> Vec<String> {
         let of_kind = frames.iter().filter(|(_, colours)| is_one(colours));
         let names: Vec<String> = of_kind.map(|(name, _)| name.clone()).collect();
         let first = plain_text::first_of(&names);
-        (!names.is_empty()).then(|| format!("{} frames {loss}: {first}", names.len()))
+        let frames = plain_text::counted(names.len(), "frame");
+        (!names.is_empty()).then(|| format!("{frames} {loss}: {first}"))
     };
     let profiles = line(
         |colours| colours.has_other_profile,
-        "have a colour profile other than sRGB, which is not applied",
+        "with a colour profile other than sRGB, which is not applied",
     );
     let depths = line(
         |colours| colours.is_deep,
-        "have 16 bits per value, which are rounded to 8 where they are read",
+        "with 16 bits per value, which are rounded to 8 where they are read",
     );
     profiles.into_iter().chain(depths).collect()
 }
