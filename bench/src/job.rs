@@ -10,6 +10,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    plain_text,
     records::{Scene, Split, ValidationStatus},
     stage::StagePlan,
     store::{self, StoreError},
@@ -302,10 +303,20 @@ impl ScoringJob {
 
     /// Returns images among the predictions that belong to no scored view.
     pub(crate) fn strays(&self) -> impl Iterator<Item = &str> {
-        let folders = [&self.input_folder, &self.novel_folder]
-            .into_iter()
-            .flatten();
+        let folders = self.folders();
         folders.flat_map(|folder| folder.strays.iter().map(String::as_str))
+    }
+
+    /// Returns images of predicted frames in a format that is not read.
+    fn unread(&self) -> impl Iterator<Item = &str> {
+        let folders = self.folders();
+        folders.flat_map(|folder| folder.unread.iter().map(String::as_str))
+    }
+
+    fn folders(&self) -> impl Iterator<Item = &PredictionFolder> {
+        [&self.input_folder, &self.novel_folder]
+            .into_iter()
+            .flatten()
     }
 
     pub(crate) fn scene_file(&self, name: &str) -> PathBuf {
@@ -329,7 +340,15 @@ impl ScoringJob {
         let strays = self.strays().count();
         if strays > 0 {
             warnings.push(format!(
-                "{strays} images among the predictions belong to no view that was scored"
+                "the predictions hold {} of no view that was scored",
+                plain_text::counted(strays, "image")
+            ));
+        }
+        let unread: Vec<String> = self.unread().map(str::to_owned).collect();
+        if !unread.is_empty() {
+            warnings.push(format!(
+                "only PNG and .npy are read, not these beside predictions: {}",
+                plain_text::first_of(&unread)
             ));
         }
         if !self.split.unposed.is_empty() {
@@ -374,7 +393,9 @@ impl ScoringJob {
             .with_text("statement", &format!("{:?}", self.statement))
             .with_text(
                 "stray predictions",
-                &self.strays().collect::<Vec<_>>().join(", "),
+                &(self.strays().chain(self.unread()))
+                    .collect::<Vec<_>>()
+                    .join(", "),
             )
             .with_file(&self.scene_file)?
             .with_hash("frames of the split", self.identity.sha256.clone())

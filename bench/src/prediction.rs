@@ -43,7 +43,9 @@ pub(crate) struct PredictionFolder {
     padded: Option<PaddedFrame>,
     /// Images in place of the predictions, in words, where no frame has one.
     seen: Option<String>,
-    /// Images that are not the prediction of a scored frame.
+    /// Names of images of predicted frames that are not read, beside the files that are.
+    pub(crate) unread: Vec<String>,
+    /// Images in a format that is read, but of no scored frame.
     pub(crate) strays: Vec<String>,
 }
 
@@ -51,22 +53,27 @@ impl PredictionFolder {
     /// Lists a folder with predictions of `frames`.
     pub(crate) fn open(folder: &Path, frames: &[u32]) -> Result<Self, StoreError> {
         let mut found = Self::refused(folder, None);
-        let mut has_image = false;
+        let mut predicted = BTreeSet::new();
+        let mut others = Vec::new();
         for name in store::names_in(folder)? {
             let Some((stem, is_read)) = image_stem(&name) else {
                 continue;
             };
             let of_frame = stem.parse().ok().filter(|frame| frames.contains(frame));
-            if let (Some(frame), false) = (of_frame, is_read) {
-                found.other_formats.insert(frame, name);
+            if !is_read {
+                if let Some(frame) = of_frame {
+                    found.other_formats.insert(frame, name.clone());
+                }
+                others.push(name);
                 continue;
             }
-            if frames.iter().any(|&frame| name == file_name(frame)) {
-                has_image = true;
+            if let Some(&frame) = frames.iter().find(|&&frame| name == file_name(frame)) {
+                predicted.insert(frame);
                 continue;
             }
             if let Some(&frame) = frames.iter().find(|&&frame| name == array_name(frame)) {
                 found.arrays.insert(frame);
+                predicted.insert(frame);
                 continue;
             }
             if let Some(frame) = of_frame {
@@ -74,9 +81,12 @@ impl PredictionFolder {
             }
             found.strays.push(name);
         }
-        if !has_image && found.arrays.is_empty() {
-            found.seen = seen_in(folder, &found.strays);
+        if predicted.is_empty() {
+            found.seen = seen_in(folder, &[&found.strays[..], &others[..]].concat());
         }
+        let beside = found.other_formats.iter();
+        let beside = beside.filter(|(frame, _)| predicted.contains(*frame));
+        found.unread = beside.map(|(_, name)| name.clone()).collect();
         Ok(found)
     }
 
@@ -90,6 +100,7 @@ impl PredictionFolder {
             other_formats: BTreeMap::new(),
             padded: None,
             seen: None,
+            unread: Vec::new(),
             strays: Vec::new(),
         }
     }

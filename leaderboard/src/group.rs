@@ -292,7 +292,7 @@ fn method_rows<'a>(
                 method,
                 class: rows[0].class,
                 scenes: rows.len(),
-                complete: rows.len() == scenes.len() && numbers.complete && !numbers.partial,
+                complete: rows.len() == scenes.len() && numbers.are_whole(),
                 numbers,
                 whole: variants::whole_of(&by_method, method, is_ours),
                 confidence: Vec::new(),

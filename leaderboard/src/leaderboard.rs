@@ -123,6 +123,10 @@ fn prepare<'a>(
     let groups = group::groups(results)?;
     let papers = published::papers()?;
     let assets = layouts::assets::tables(&files.assets()?, &papers);
+    let facts = questions::scene_facts(request.dataset.as_deref())?;
+    let mut values = Outputs::default();
+    let notes = questions::add_tables(&mut values, results, &facts)?;
+    let has_values = values.has(site::downloads::PARQUET_FILE);
     let ((all, layouts), site) = rayon::join(
         || {
             rayon::join(
@@ -131,7 +135,9 @@ fn prepare<'a>(
             )
         },
         || match with_site {
-            true => site_of(request, files, results, &groups, &papers, &assets),
+            true => site_of(
+                request, files, results, &groups, &papers, &assets, has_values,
+            ),
             false => Ok(Outputs::default()),
         },
     );
@@ -144,8 +150,7 @@ fn prepare<'a>(
     }
     outputs.add(CSV_FILE, all.csv);
     tables::add_assets(&mut outputs, &assets, &request.out)?;
-    let facts = questions::scene_facts(request.dataset.as_deref())?;
-    let notes = questions::add_tables(&mut outputs, results, &facts)?;
+    outputs.append(values);
     if with_site {
         site::downloads::add(&mut outputs, &groups, &papers);
     }
@@ -166,6 +171,7 @@ fn site_of(
     groups: &[group::Group<'_>],
     papers: &[published::Paper],
     assets: &[Table],
+    has_values: bool,
 ) -> Result<Outputs, LeaderboardError> {
     let protocols = files.protocols(results)?;
     let cards = files.cards()?;
@@ -191,6 +197,7 @@ fn site_of(
             dataset: dataset.map(|(_, dataset)| dataset),
             views: request.views,
             descriptions: &request.descriptions,
+            has_values,
             footer: OnceLock::new(),
         },
     )?;

@@ -116,6 +116,11 @@ impl Numbers {
         }
     }
 
+    /// Returns true if they stand for the whole protocol: others are not ranked.
+    pub(crate) fn are_whole(&self) -> bool {
+        self.complete && !self.partial
+    }
+
     /// Returns the clocks of the training times in words, `CPU`; nothing if all are wall-clock times.
     pub(crate) fn clocks(&self) -> Option<String> {
         let clocks: Vec<&str> = self.clocks.iter().copied().collect();

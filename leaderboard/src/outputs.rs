@@ -41,6 +41,11 @@ impl Outputs {
         self.files.insert(path.into(), Content::CopyOf(source));
     }
 
+    /// Returns true if there is a file under this path.
+    pub(crate) fn has(&self, path: &str) -> bool {
+        self.files.contains_key(path)
+    }
+
     /// Adds the content of one of its files under another path too; nothing without that file.
     pub(crate) fn repeat(&mut self, path: &str, target: String) {
         if let Some(content) = self.files.get(path).cloned() {

@@ -36,8 +36,9 @@ pub(crate) struct PoseArguments {
     /// below.
     #[arg(long, value_name = "METRES", value_parser = numbers::positive)]
     pub(crate) gsd: Option<f64>,
-    /// Mean angle of a hovering drone's camera below the horizon, 20 to 90: tilts the level ground that is assumed
-    /// below it. Without it the camera counts as looking straight down.
+    /// Mean angle of a hovering drone's camera below the horizon, 20 to 90: assumes level ground below it, tilted by
+    /// that. With --altitude or --gsd alone the camera counts as looking straight down; without any of the three there
+    /// is no ground.
     #[arg(long, value_name = "DEGREES", conflicts_with = "poses")]
     pub(crate) camera_pitch: Option<f64>,
 }

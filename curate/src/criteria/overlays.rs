@@ -67,7 +67,7 @@ fn unjudged_shots(report: &OverlayReport) -> String {
     let (all, judged) = (shots(false), shots(true));
     match all - judged {
         0 => String::new(),
-        unjudged => format!("; {unjudged} of {all} shots too short or still to be judged"),
+        unjudged => format!("; {unjudged} of {all} shots too short or too static to be judged"),
     }
 }
 

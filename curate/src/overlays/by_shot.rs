@@ -3,7 +3,7 @@
 //! A boundary at which the pass saw no candidate cut, such as a slow transition, leaves shots that are judged together;
 //! their span counts them.
 
-use omnilife_schemas::records::{Boundary, Overlay, OverlaySpan, TimeRange};
+use omnilife_schemas::records::{Boundary, Overlay, OverlayClass, OverlaySpan, TimeRange};
 
 use super::{moving_mosaics::is_at_same_place, parts::shot_at, stability::Piece};
 
@@ -55,7 +55,9 @@ pub(super) fn gathered(pieces: Vec<Piece>) -> Vec<Overlay> {
                 true => &mut clear,
                 false => &mut faint,
             };
-            add(found, Overlay { ranges, ..overlay });
+            add(found, Overlay { ranges, ..overlay }, |known, seen| {
+                known.class == seen.class
+            });
         }
     }
     for overlay in clear.iter_mut().chain(&mut faint) {
@@ -67,17 +69,23 @@ pub(super) fn gathered(pieces: Vec<Piece>) -> Vec<Overlay> {
     clear
 }
 
-/// Adds a find to those of other shots; the larger one of a class in one place stands for both, with the sightings and
-/// times of both.
-pub(super) fn add(found: &mut Vec<Overlay>, mut seen: Overlay) {
-    let is_same =
-        |known: &&mut Overlay| known.class == seen.class && is_at_same_place(known, &seen);
+/// Adds a find to those of other shots. Of two in one place that may join, the larger one stands for both, with the
+/// sightings and times of both. One that passes in any shot is a caption.
+pub(super) fn add(
+    found: &mut Vec<Overlay>,
+    mut seen: Overlay,
+    may_join: impl Fn(&Overlay, &Overlay) -> bool,
+) {
+    let is_same = |known: &&mut Overlay| may_join(known, &seen) && is_at_same_place(known, &seen);
     let Some(known) = found.iter_mut().find(is_same) else {
         found.push(seen);
         return;
     };
     if let (Some(before), Some(now)) = (&known.sightings, &mut seen.sightings) {
         now.seen_frames += before.seen_frames;
+    }
+    if known.class != seen.class {
+        [known.class, seen.class] = [OverlayClass::Caption; 2];
     }
     let mut ranges = std::mem::take(&mut known.ranges);
     ranges.append(&mut seen.ranges);
@@ -114,7 +122,7 @@ mod tests {
 
     use std::ops::Range;
 
-    use omnilife_schemas::records::{BoundaryKind, OverlayClass, OverlayReport};
+    use omnilife_schemas::records::{BoundaryKind, OverlayReport};
     use omnilife_video::Rgb8Image;
 
     use super::super::{MosaicPass, OverlayPass, report};
@@ -363,5 +371,15 @@ mod tests {
         assert_eq!(judged, [false, true]);
         assert_eq!(found.unjudged, None);
         assert!(screened(&frames[..5], &[]).unjudged.is_some());
+    }
+
+    #[test]
+    fn shots_that_are_all_too_short_are_judged_together() {
+        let frames = [shot(1, 0..9, 9), shot(2, 0..9, 9), shot(3, 0..9, 9)].concat();
+        let found = screened(&frames, &[9, 18]);
+        assert_eq!(found.unjudged, None);
+        assert_eq!(found.spans.len(), 1, "{found:#?}");
+        assert_eq!((found.spans[0].first_shot, found.spans[0].shots), (0, 3));
+        assert!(found.overlays.iter().any(is_the_letters), "{found:#?}");
     }
 }

@@ -7,7 +7,8 @@
 //! painted must move. Captions of a second average out over a shot: `windows` of two steps show them.
 //!
 //! No sum runs over a shot boundary: the pass keeps its sums in `parts` between candidate `cuts`. Once boundaries are
-//! confirmed, the parts of each shot are joined and judged, and the finds of all shots are gathered (`by_shot`).
+//! confirmed, the parts of each shot are joined and judged, and the finds of all shots are gathered (`by_shot`). Where no
+//! shot is long enough, all of them are judged together.
 //!
 //! A mosaic that follows a face stays nowhere, but shows in single frames: `pixelation` finds its grid in one frame,
 //! `moving_mosaics` gathers the finds of many.
@@ -35,7 +36,7 @@ use omnilife_schemas::records::{Boundary, Overlay, OverlayReport};
 const LEAST_MOVING_STEPS: u32 = 12;
 
 /// Rules of judgement, part of the cache key of the analysis.
-pub(crate) const SETTINGS: &str = "by shot, 12 moving steps";
+pub(crate) const SETTINGS: &str = "by shot, else as a whole, 12 moving steps";
 
 /// Reports the overlays found by the passes over an equirectangular video with these shot boundaries, in order of time.
 pub fn report(pass: &OverlayPass, mosaics: &MosaicPass, boundaries: &[Boundary]) -> OverlayReport {
@@ -62,14 +63,21 @@ pub fn report(pass: &OverlayPass, mosaics: &MosaicPass, boundaries: &[Boundary])
 }
 
 fn what_stays(pass: &OverlayPass, boundaries: &[Boundary]) -> OverlayReport {
-    let pieces = pass.pieces(boundaries);
+    let shots = pass.pieces(boundaries);
+    let is_any_judged = shots.iter().any(|piece| piece.overlays.is_some());
+    // Shots that are all too short are judged together: what is painted over all of them stays.
+    let pieces = if is_any_judged {
+        shots
+    } else {
+        pass.pieces(&[])
+    };
     let spans = by_shot::spans(&pieces, boundaries);
     let moving_steps: u32 = spans.iter().map(|span| span.moving_steps).sum();
     let is_judged = spans.iter().any(|span| span.is_judged);
     let unjudged = (!is_judged).then(|| {
         format!(
             "the scene moved between {moving_steps} of {} looked-at pairs of frames, \
-             {LEAST_MOVING_STEPS} of one shot are needed to tell what is painted over it",
+             {LEAST_MOVING_STEPS} are needed to tell what is painted over it",
             pass.steps()
         )
     });

@@ -89,10 +89,10 @@ impl WindowPass {
                 .iter()
                 .filter(|overlay| (overlay.ranges.iter()).all(|window| is_in(shot, window)));
             for caption in captions_of_shot(seen, windows.count() as u32) {
-                by_shot::add(&mut found, caption);
+                by_shot::add(&mut found, caption, |_, _| true);
             }
         }
-        // Classes are of the shot; limits on the time that a caption takes are of the video.
+        // Whether one passes is told by shot; limits on the time that a caption takes are of the video.
         for sightings in (found.iter_mut()).filter_map(|caption| caption.sightings.as_mut()) {
             sightings.looked_at_frames = self.windows.len() as u32;
         }
@@ -228,6 +228,7 @@ fn caption<'a>(
 
 #[cfg(test)]
 mod tests {
+    use omnilife_schemas::records::BoundaryKind;
     use omnilife_video::Rgb8Image;
 
     use super::super::OverlayPass;
@@ -255,11 +256,38 @@ mod tests {
     }
 
     fn captions(is_shown: impl Fn(usize) -> bool) -> Vec<Overlay> {
+        captions_of(9, &[], is_shown)
+    }
+
+    fn captions_of(
+        frames: usize,
+        boundaries: &[Boundary],
+        is_shown: impl Fn(usize) -> bool,
+    ) -> Vec<Overlay> {
         let mut pass = OverlayPass::default();
-        for number in 0..9 {
+        for number in 0..frames {
             pass.observe(number as f64 * 0.4, &frame(number, is_shown(number)));
         }
-        pass.windows().captions(&[])
+        pass.windows().captions(boundaries)
+    }
+
+    /// Subtitles that last for one shot and pass in the next.
+    #[test]
+    fn captions_in_one_place_of_two_shots_are_one() {
+        let cut = Boundary {
+            begin_seconds: 3.5,
+            end_seconds: 3.6,
+            kind: BoundaryKind::Cut,
+            score: 1.0,
+        };
+        let found = captions_of(18, &[cut], |number| {
+            number < 9 || (12..16).contains(&number)
+        });
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert_eq!(found[0].class, OverlayClass::Caption);
+        assert_eq!(found[0].ranges.len(), 2);
+        let seen = found[0].sightings.as_ref().map(|seen| seen.seen_frames);
+        assert_eq!(seen, Some(7 + 2));
     }
 
     #[test]

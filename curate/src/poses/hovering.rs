@@ -32,22 +32,47 @@ const REMAINDER_MEASURE: &str = "hovering_remainder_pixels";
 const PITCH_MEASURE: &str = "hovering_pitch_degrees";
 /// That of a camera that looks straight down.
 const NADIR: f64 = 90.0;
+/// Reason against ground that no statement speaks for: a camera that turns in a street shows no parallax either.
+const UNSTATED: &str = "the angle of the camera below the horizon is not stated (--camera-pitch; for one that looks \
+                        straight down --altitude or --gsd is enough)";
 /// Share of the frames below which structure from motion has failed.
 const LEAST_POSED: f64 = 0.5;
 
+/// Statement on a flight by which level ground is assumed below the camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Tilt {
+    /// Angle of the mean camera below the horizon, degrees.
+    Pitch(f64),
+    /// A size on the ground alone: the mean camera looks straight down.
+    Nadir,
+}
+
+impl Tilt {
+    /// Returns the tilt by a stated pitch, degrees, or else by the scale of the ground; `None` without either.
+    pub(super) fn of(pitch: Option<f64>, is_scaled: bool) -> Option<Self> {
+        pitch.map(Self::Pitch).or(is_scaled.then_some(Self::Nadir))
+    }
+
+    fn degrees(self) -> f64 {
+        match self {
+            Self::Pitch(degrees) => degrees,
+            Self::Nadir => NADIR,
+        }
+    }
+}
+
 /// Returns the poses of a hovering camera over planar ground if structure from motion found few or none, or found them
-/// without parallax. `pitch` is the stated angle of the camera below the horizon, degrees. `None` if the images do not
-/// fit rotations either, or the poses are sound.
+/// without parallax. `None` if the images do not fit rotations either, or the poses are sound.
 ///
-/// Where rotations leave shifts between frames, or no frame shows ground, no ground is assumed: the result has no
-/// points, and its source says why.
+/// Without a tilt, where rotations leave shifts between frames, or where no frame shows ground, no ground is assumed:
+/// the result has no points, and its source says why.
 ///
 /// # Errors
 /// When an image cannot be read.
 pub(super) fn of_hovering(
     (folder, sequence): (&Path, &Sequence),
     found: &Result<PosedSequence, CurateError>,
-    pitch: Option<f64>,
+    tilt: Option<Tilt>,
     progress: &dyn Progress,
 ) -> Result<Option<PosedSequence>, CurateError> {
     let Some(finding) = no_parallax(found).filter(|_| sequence.is_pinhole()) else {
@@ -87,12 +112,11 @@ pub(super) fn of_hovering(
         ));
         return Ok(None);
     }
-    let ground = if is_planar(left, size) {
-        planar_ground::below(turns.camera, &turns.poses, pitch.unwrap_or(NADIR), read)?
-    } else {
-        None
+    let ground = match tilt.filter(|_| is_planar(left, size)) {
+        Some(tilt) => planar_ground::below(turns.camera, &turns.poses, tilt.degrees(), read)?,
+        None => None,
     };
-    Ok(Some(hovering(turns, ground, (left, pitch), &finding.why)))
+    Ok(Some(hovering(turns, ground, (left, tilt), &finding.why)))
 }
 
 /// Finding that the poses of structure from motion show no parallax.
@@ -160,7 +184,7 @@ fn is_planar(left: Option<f64>, size: [usize; 2]) -> bool {
 fn misfit(left: Option<f64>, size: [usize; 2]) -> String {
     match left {
         Some(left) => format!(
-            "homographies of a plane leave {left:.2} pixels between frames (limit {:.2})",
+            "rotations leave {left:.2} pixels between frames (limit {:.2})",
             most_remainder(size)
         ),
         None => "too little detail shows to tell".to_owned(),
@@ -171,32 +195,34 @@ fn misfit(left: Option<f64>, size: [usize; 2]) -> String {
 fn hovering(
     turns: RegisteredTurns,
     ground: Option<PlanarGround>,
-    (left, pitch): (Option<f64>, Option<f64>),
+    (left, tilt): (Option<f64>, Option<Tilt>),
     why: &str,
 ) -> PosedSequence {
     let size = turns.camera.size();
     let count = turns.poses.len() as u32;
     let mut measures: BTreeMap<String, f64> = BTreeMap::new();
     measures.extend(left.map(|left| (REMAINDER_MEASURE.to_owned(), left)));
-    let (poses, points, reason, problem) = match ground {
-        Some(ground) => {
-            measures.insert(PITCH_MEASURE.to_owned(), pitch.unwrap_or(NADIR));
-            let tilt = match pitch {
-                Some(degrees) => format!("by a stated pitch of {degrees} degrees"),
-                None => "as if the mean camera looked straight down (--camera-pitch)".to_owned(),
+    let (poses, points, reason, problem) = match ground.zip(tilt) {
+        Some((ground, tilt)) => {
+            measures.insert(PITCH_MEASURE.to_owned(), tilt.degrees());
+            let tilt = match tilt {
+                Tilt::Pitch(degrees) => format!("by a stated pitch of {degrees} degrees"),
+                Tilt::Nadir => {
+                    "as if the mean camera looked straight down (--camera-pitch)".to_owned()
+                }
             };
             let fit = left.map_or_else(String::new, |left| format!(" to {left:.2} pixels"));
             let problem = format!(
-                "the camera hovers: no parallax ({why}), and homographies explain the frames{fit}; its \
+                "the camera hovers: no parallax ({why}), and rotations explain the frames{fit}; its \
                  ground is assumed to be a level plane, {tilt}, at a distance of 1 (--altitude brings it to metres)"
             );
             (ground.poses, ground.points, turns.reason, problem)
         }
         None => {
-            let misfit = if is_planar(left, size) {
-                "no frame shows ground that is not near the horizon".to_owned()
-            } else {
-                misfit(left, size)
+            let misfit = match tilt {
+                _ if !is_planar(left, size) => misfit(left, size),
+                None => UNSTATED.to_owned(),
+                Some(_) => "no frame shows ground that is not near the horizon".to_owned(),
             };
             let problem = format!(
                 "the camera hovers: no parallax ({why}), but no planar ground is assumed: {misfit}; what moves can be \
@@ -357,22 +383,22 @@ mod tests {
 
     #[test]
     fn without_ground_there_are_poses_and_the_reason() {
-        let with = |ground: Option<PlanarGround>, left: f64| {
+        let with = |ground: Option<PlanarGround>, left: f64, tilt: Option<Tilt>| {
             hovering(
                 turns_of(&clip(DVec3::ZERO)),
                 ground,
-                (Some(left), None),
+                (Some(left), tilt),
                 "no points",
             )
         };
         let turns = turns_of(&clip(DVec3::ZERO));
         let ground = planar_ground::below(turns.camera, &turns.poses, NADIR, black).unwrap();
-        let mut metric = with(ground.clone(), 0.1);
+        let mut metric = with(ground.clone(), 0.1, Tilt::of(None, true));
         GroundScale::Altitude(46.0).apply(&mut metric).unwrap();
         assert_eq!(metric.scale, Scale::Metres);
         let heights = metric.points.unwrap_or_default().positions.into_iter();
         assert!(heights.map(|[_, y, _]| y).all(|y| (y - 46.0).abs() < 1e-6));
-        let over_ground = with(ground, 0.1);
+        let over_ground = with(ground, 0.1, Tilt::of(Some(90.0), false));
         assert!(
             over_ground
                 .points
@@ -380,7 +406,7 @@ mod tests {
         );
         let measures = &over_ground.validation.measures;
         assert!(measures.contains_key(REMAINDER_MEASURE) && measures.contains_key(PITCH_MEASURE));
-        let without = with(None, 0.9);
+        let without = with(None, 0.9, Tilt::of(Some(90.0), false));
         assert!(without.points.is_some_and(|points| points.is_empty()));
         let PoseSource::Registered { reason, succeeded } = without.source else {
             panic!("poses of another source");
@@ -391,5 +417,21 @@ mod tests {
             problem.contains("nothing can be reconstructed"),
             "{problem}"
         );
+        let unstated = with(None, 0.1, Tilt::of(None, false));
+        let problem = &unstated.validation.problems[0];
+        for option in ["--camera-pitch", "--altitude", "--gsd"] {
+            assert!(problem.contains(option), "{problem}");
+        }
+        assert!(unstated.points.is_some_and(|points| points.is_empty()));
+    }
+
+    #[test]
+    fn ground_is_assumed_by_a_pitch_or_a_scale_alone() {
+        let degrees =
+            |pitch, is_scaled| Tilt::of(pitch, is_scaled).map(|tilt: Tilt| tilt.degrees());
+        assert_eq!(degrees(None, false), None);
+        assert_eq!(degrees(None, true), Some(NADIR));
+        assert_eq!(degrees(Some(40.0), true), Some(40.0));
+        assert_eq!(degrees(Some(40.0), false), Some(40.0));
     }
 }

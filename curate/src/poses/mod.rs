@@ -183,8 +183,9 @@ pub fn pose_sequence_with(
                     (settings, &truth.ignored),
                     progress,
                 );
+                let tilt = hovering::Tilt::of(pitch, scale.is_some());
                 let over_ground =
-                    hovering::of_hovering((sequence_folder, &sequence), &found, pitch, progress)?;
+                    hovering::of_hovering((sequence_folder, &sequence), &found, tilt, progress)?;
                 over_ground.map_or(found, Ok)?
             }
         };

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use omnilife_schemas::{
-    layout::{DATASHEET_FILE, SLICES_FOLDER, STATISTICS_FOLDER, TABLES_FOLDER},
+    layout::{DATASHEET_FILE, SLICES_FOLDER, STATISTICS_FOLDER, TABLES_FOLDER, TRACKS_FILE},
     plain_text::{counted, for_markdown, without_folders},
     records::{Dataset, VideoEntry, VideoStatus},
 };
@@ -130,7 +130,7 @@ fn size_category(rows: usize) -> &'static str {
 
 /// Files of a dataset: an entry of a video's folder without which the row is left out (empty for files of every
 /// dataset), their names, and their content.
-const FILES: [(&str, &str, &str); 26] = [
+const FILES: [(&str, &str, &str); 28] = [
     (
         "",
         "`dataset.json`",
@@ -224,7 +224,7 @@ const FILES: [(&str, &str, &str); 26] = [
     (
         "depth-prior",
         "`videos/*/seq-*/depth-prior/`",
-        "estimated distances along the rays",
+        "depth priors along the rays",
     ),
     (
         "dynamic-masks",
@@ -232,9 +232,19 @@ const FILES: [(&str, &str, &str); 26] = [
         "dynamic masks as detected, with their source",
     ),
     (
+        "classes",
+        "`videos/*/seq-*/**/classes/`",
+        "masks of classes, given or as detected",
+    ),
+    (
         "split.json",
         "`videos/*/seq-*/*/split.json`",
         "input and novel frames of a protocol",
+    ),
+    (
+        TRACKS_FILE,
+        "`videos/*/seq-*/*/tracks.*`",
+        "paths of moving vehicles",
     ),
     (
         "run.json",

@@ -9,12 +9,12 @@ type Licence = (&'static str, Option<&'static str>);
 
 /// Licences that datasets use.
 const LICENCES: &[Licence] = &[
-    ("AGPL-3.0-only", None),
-    ("AGPL-3.0-or-later", None),
+    ("AGPL-3.0-only", Some("agpl-3.0")),
+    ("AGPL-3.0-or-later", Some("agpl-3.0")),
     ("Apache-2.0", Some("apache-2.0")),
-    ("BSD-2-Clause", None),
-    ("BSD-3-Clause", None),
-    ("C-UDA-1.0", None),
+    ("BSD-2-Clause", Some("bsd-2-clause")),
+    ("BSD-3-Clause", Some("bsd-3-clause")),
+    ("C-UDA-1.0", Some("c-uda")),
     ("CC-BY-2.0", Some("cc-by-2.0")),
     ("CC-BY-2.5", Some("cc-by-2.5")),
     ("CC-BY-3.0", Some("cc-by-3.0")),
@@ -33,23 +33,23 @@ const LICENCES: &[Licence] = &[
     ("CC-BY-SA-3.0", Some("cc-by-sa-3.0")),
     ("CC-BY-SA-4.0", Some("cc-by-sa-4.0")),
     ("CC0-1.0", Some("cc0-1.0")),
-    ("CDLA-Permissive-1.0", None),
+    ("CDLA-Permissive-1.0", Some("cdla-permissive-1.0")),
     ("CDLA-Permissive-2.0", Some("cdla-permissive-2.0")),
-    ("CDLA-Sharing-1.0", None),
+    ("CDLA-Sharing-1.0", Some("cdla-sharing-1.0")),
     ("DL-DE-BY-2.0", None),
     ("DL-DE-ZERO-2.0", None),
-    ("etalab-2.0", None),
-    ("GFDL-1.3-only", None),
-    ("GFDL-1.3-or-later", None),
-    ("GPL-2.0-only", None),
-    ("GPL-2.0-or-later", None),
-    ("GPL-3.0-only", None),
-    ("GPL-3.0-or-later", None),
-    ("ISC", None),
-    ("LGPL-3.0-only", None),
-    ("LGPL-3.0-or-later", None),
+    ("etalab-2.0", Some("etalab-2.0")),
+    ("GFDL-1.3-only", Some("gfdl")),
+    ("GFDL-1.3-or-later", Some("gfdl")),
+    ("GPL-2.0-only", Some("gpl-2.0")),
+    ("GPL-2.0-or-later", Some("gpl-2.0")),
+    ("GPL-3.0-only", Some("gpl-3.0")),
+    ("GPL-3.0-or-later", Some("gpl-3.0")),
+    ("ISC", Some("isc")),
+    ("LGPL-3.0-only", Some("lgpl-3.0")),
+    ("LGPL-3.0-or-later", Some("lgpl-3.0")),
     ("MIT", Some("mit")),
-    ("MPL-2.0", None),
+    ("MPL-2.0", Some("mpl-2.0")),
     ("NLOD-2.0", None),
     ("O-UDA-1.0", None),
     ("ODbL-1.0", Some("odbl")),
@@ -57,14 +57,15 @@ const LICENCES: &[Licence] = &[
     ("OGL-Canada-2.0", None),
     ("OGL-UK-3.0", None),
     ("PDDL-1.0", Some("pddl")),
-    ("Unlicense", None),
+    ("Unlicense", Some("unlicense")),
 ];
 
 /// Prefix of identifiers of licences that are not on the SPDX list.
 const OWN_PREFIX: &str = "LicenseRef-";
 
-/// Returns a licence in the spelling of the SPDX list, whose letter case does not matter; `LicenseRef-` identifiers and
-/// http addresses as they are.
+/// Returns a licence in the spelling of the SPDX list, by its identifier there or on the hub, whose letter case does not
+/// matter; `LicenseRef-` identifiers and http addresses as they are. An identifier of the hub that covers several
+/// licences stands for the first one.
 ///
 /// # Errors
 /// One line with the accepted forms, for any other text.
@@ -82,7 +83,7 @@ pub fn licence(text: &str) -> Result<String, String> {
     }
     let ids: Vec<&str> = LICENCES.iter().map(|(id, _)| *id).collect();
     Err(format!(
-        "must be an SPDX identifier ({}), {OWN_PREFIX}NAME, or the http address of a licence, got {text:?}",
+        "must be one of the SPDX identifiers {}, {OWN_PREFIX}NAME, or the http address of a licence, got {text:?}",
         ids.join(", ")
     ))
 }
@@ -101,9 +102,10 @@ pub(super) fn is_address(text: &str) -> bool {
 }
 
 fn known(text: &str) -> Option<&'static Licence> {
+    let is_known = |id: &str| id.eq_ignore_ascii_case(text);
     LICENCES
         .iter()
-        .find(|(id, _)| id.eq_ignore_ascii_case(text))
+        .find(|(id, hub)| is_known(id) || hub.is_some_and(is_known))
 }
 
 #[cfg(test)]
@@ -115,6 +117,10 @@ mod tests {
         for (text, expected) in [
             ("cc-by-4.0", "CC-BY-4.0"),
             ("odbl-1.0", "ODbL-1.0"),
+            ("odbl", "ODbL-1.0"),
+            ("ODC-BY", "ODC-By-1.0"),
+            ("pddl", "PDDL-1.0"),
+            ("GPL-3.0-or-later", "GPL-3.0-or-later"),
             (" MIT ", "MIT"),
             ("LicenseRef-Lab-1.0", "LicenseRef-Lab-1.0"),
             ("https://example.org/terms", "https://example.org/terms"),

@@ -293,8 +293,10 @@ fn about(folder: &Path, settings: &PublishSettings) -> Result<About, CurateError
             ..About::default()
         }
     };
+    let source = (settings.about.as_deref())
+        .filter(|_| file.licence.is_some())
+        .unwrap_or(&path);
     let stated = settings.licence.clone().or(file.licence).or(before.licence);
-    let source = settings.about.as_deref().unwrap_or(&path);
     let stated = stated.map(|text| licence(&text)).transpose();
     Ok(About {
         name: settings.name.clone().or(file.name).unwrap_or(before.name),

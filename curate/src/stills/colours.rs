@@ -40,22 +40,28 @@ pub(crate) fn notes(frames: &[(String, Colours)]) -> Vec<String> {
         let of_kind = frames.iter().filter(|(_, colours)| is_one(colours));
         let names: Vec<String> = of_kind.map(|(name, _)| name.clone()).collect();
         let first = plain_text::first_of(&names);
-        (!names.is_empty()).then(|| format!("{} frames {loss}: {first}", names.len()))
+        let frames = plain_text::counted(names.len(), "frame");
+        (!names.is_empty()).then(|| format!("{frames} {loss}: {first}"))
     };
     let profiles = line(
         |colours| colours.has_other_profile,
-        "have a colour profile other than sRGB, which is not applied",
+        "with a colour profile other than sRGB, which is not applied",
     );
     let depths = line(
         |colours| colours.is_deep,
-        "have 16 bits per value, which are rounded to 8 where they are read",
+        "with 16 bits per value, which are rounded to 8 where they are read",
     );
     profiles.into_iter().chain(depths).collect()
 }
 
-/// Returns true for a profile whose description begins with "sRGB".
+/// Returns true for a profile whose description begins with "sRGB", as GIMP calls it too; not for one whose values are
+/// linear, as those named by a gamma of 1 ("sRGB-elle-V2-g10").
 fn is_srgb(profile: &[u8]) -> bool {
-    description(profile).is_some_and(|text| text.trim_start().starts_with("sRGB"))
+    description(profile).is_some_and(|text| {
+        let text = text.trim_start();
+        let text = text.strip_prefix("GIMP built-in ").unwrap_or(text);
+        text.starts_with("sRGB") && !text.contains("-g10")
+    })
 }
 
 /// Returns the description of an ICC profile; `None` for a profile without one. It is text in UTF-16 since version 4
@@ -120,10 +126,20 @@ mod tests {
 
     #[test]
     fn profiles_are_told_by_their_description() {
-        for text in ["sRGB IEC61966-2.1", "sRGB built-in"] {
+        for text in [
+            "sRGB IEC61966-2.1",
+            "sRGB built-in",
+            "GIMP built-in sRGB",
+            "sRGB-elle-V2-srgbtrc.icc",
+        ] {
             assert!(is_srgb(&ascii(text)) && is_srgb(&utf16(text)), "{text}");
         }
-        for text in ["Display P3", "Display P3 Gamut with sRGB Transfer"] {
+        for text in [
+            "Display P3",
+            "Display P3 Gamut with sRGB Transfer",
+            "GIMP built-in Linear sRGB",
+            "sRGB-elle-V2-g10.icc",
+        ] {
             assert!(!is_srgb(&ascii(text)) && !is_srgb(&utf16(text)), "{text}");
         }
         let whole = utf16("sRGB");

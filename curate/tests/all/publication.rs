@@ -209,6 +209,16 @@ fn an_unknown_licence_is_refused_where_it_is_stated() {
         "{refusal}"
     );
     assert!(!out.join("croissant.json").exists());
+    // One of an earlier publication, beside statements without any.
+    publish_with(&out, ABOUT, false).unwrap();
+    let about = out.join("about.json");
+    let record = fs::read_to_string(&about).unwrap();
+    fs::write(&about, record.replace("CC-BY-4.0", "GPLX")).unwrap();
+    let refusal = publish_with(&out, "name = \"Streets\"\n", false).unwrap_err();
+    assert!(
+        refusal.contains("about.json") && refusal.contains("GPLX"),
+        "{refusal}"
+    );
 }
 
 #[test]

@@ -101,6 +101,7 @@ struct PlaceSum {
     /// Sums over scenes, in the order of the metrics given.
     scores: Vec<Option<f64>>,
     scenes: usize,
+    /// True if all results stand for the whole protocol.
     complete: bool,
 }
 
@@ -123,7 +124,7 @@ impl<'a> PlaceMeans<'a> {
                 *total = total.zip(row.numbers.scores[index]).map(|(a, b)| a + b);
             }
             sum.scenes += 1;
-            sum.complete &= row.numbers.complete;
+            sum.complete &= row.numbers.are_whole();
         }
         Self {
             places: scenes.keys().copied().collect(),

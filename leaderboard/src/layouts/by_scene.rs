@@ -122,7 +122,7 @@ fn rows_of_scenes(group: &Group<'_>, class: MethodClass, columns: &Columns) -> V
             columns.row(group, class, names, &row.numbers, [seeds, views])
         };
         let mut contest: Vec<Row> = of_scene.iter().map(row).collect();
-        let complete = of_scene.iter().map(|row| row.numbers.complete);
+        let complete = of_scene.iter().map(|row| row.numbers.are_whole());
         mark_standings(contest.iter_mut().zip(complete), &columns.directions());
         rows.extend(contest);
     }

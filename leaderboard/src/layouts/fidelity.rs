@@ -100,14 +100,14 @@ impl Measure {
     }
 
     /// Returns the mean over the scenes in which any method has the score: some show no object of the class. `None`
-    /// for a method that lacks one of them, or a complete result of it.
+    /// for a method that lacks one of them, or a result of it for the whole protocol.
     pub(super) fn of_method(self, group: &Group<'_>, method: &str) -> Option<Value> {
         let has_it = group.scene_rows.iter();
         let has_it = has_it.filter(|row| self.of_row(row).is_some());
         let scenes: BTreeSet<&str> = has_it.map(|row| row.scene).collect();
         let rows = group.rows_of(method);
         let rows: Vec<_> = rows.filter(|row| scenes.contains(row.scene)).collect();
-        if rows.len() < scenes.len() || rows.iter().any(|row| !row.numbers.complete) {
+        if rows.len() < scenes.len() || rows.iter().any(|row| !row.numbers.are_whole()) {
             return None;
         }
         let values = rows.into_iter().map(|row| self.of_row(row));
@@ -221,7 +221,7 @@ fn rows_of_class(group: &Group<'_>, measures: &[Measure], class: MethodClass) ->
                 }
             })
             .collect();
-        let complete = of_scene.iter().map(|row| row.numbers.complete);
+        let complete = of_scene.iter().map(|row| row.numbers.are_whole());
         mark_standings(contest.iter_mut().zip(complete), &directions);
         rows.extend(contest);
     }

@@ -15,7 +15,7 @@ use crate::{
 /// Folder of the files.
 const DOWNLOADS: &str = "downloads";
 /// Every result as a row of a Parquet table.
-const PARQUET_FILE: &str = "results.parquet";
+pub(crate) const PARQUET_FILE: &str = "results.parquet";
 /// The citation.
 const CITATION_FILE: &str = "citation.bib";
 
@@ -44,7 +44,9 @@ pub(super) fn section(request: &SiteRequest<'_>) -> Markup {
         h2 #downloads { "Downloads" }
         ul.downloads {
             li { a href=(CSV_FILE) download { "CSV" } span { ": every score of every result" } }
-            li { a href=(file(PARQUET_FILE)) download { "Parquet" } span { ": the same for programs" } }
+            @if request.has_values {
+                li { a href=(file(PARQUET_FILE)) download { "Parquet" } span { ": the same for programs" } }
+            }
             @for (name, group) in &latex {
                 li {
                     a href=(file(name)) download { "LaTeX" }

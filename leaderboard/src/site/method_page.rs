@@ -183,8 +183,12 @@ fn standing(group: &Group<'_>, method: &MethodRow<'_>) -> Markup {
             None if method.whole.is_some() => "A variant of another method, which is not ranked.",
             None if method.complete => "Not ranked: its novel views have no PSNR.",
             None => {
-                "Not ranked: it has complete results of " (complete) " of "
-                (format::counted(group.scenes.len(), "scene")) "."
+                @if method.numbers.partial {
+                    "Not ranked: metrics of the protocol were left out for a quick look."
+                } @else {
+                    "Not ranked: it has complete results of " (complete) " of "
+                    (format::counted(group.scenes.len(), "scene")) "."
+                }
                 @if !missing.is_empty() { " Without a result: " (missing.join(", ")) "." }
             }
         }

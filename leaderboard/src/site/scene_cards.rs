@@ -82,7 +82,8 @@ fn best(request: &SiteRequest<'_>, scene: &str) -> Markup {
     let found = request.groups.iter().find_map(|group| {
         let index = ranked_by(group)?;
         let rows = group.rows_in(scene).iter();
-        let scored = rows.filter(|row| row.numbers.complete && row.numbers.scores[index].is_some());
+        let scored =
+            rows.filter(|row| row.numbers.are_whole() && row.numbers.scores[index].is_some());
         let mut scored: Vec<&SceneRow<'_>> = scored.collect();
         let best_first = best_first(group);
         scored.sort_by(|a, b| {

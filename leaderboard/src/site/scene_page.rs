@@ -209,7 +209,7 @@ pub(super) fn table(
     notes.extend(mark_notes(group));
     if is_contest {
         let contestants: Vec<(MethodClass, bool)> = (runs.iter())
-            .map(|(_, row, result)| (row.class, result.is_complete()))
+            .map(|(_, row, result)| (row.class, group.numbers_of(result).are_whole()))
             .collect();
         mark_classes(&mut rows, &contestants, &columns);
         notes.push(

@@ -262,3 +262,51 @@ fn a_quick_look_is_marked_and_has_no_rank() {
         assert!(text.contains(QUICK_LOOK), "{file}: {text}");
     }
 }
+
+/// The quick look has the best scores of both places.
+#[test]
+fn a_quick_look_is_best_in_no_output() {
+    let mut results = Vec::new();
+    for scene in ["hall/seq-000", "park/seq-000"] {
+        for (method, psnr) in [("whole", 30.0), ("other", 29.0), ("hasty", 31.5)] {
+            let mut result = result(scene, method, psnr, psnr / 40.0);
+            if method == "hasty" {
+                result.unavailable.push(Unavailable {
+                    view: "novel".to_owned(),
+                    metric: "lpips-vgg".to_owned(),
+                    reason: QUICK_LOOK.to_owned(),
+                });
+            }
+            results.push(result);
+        }
+    }
+    let place = Place::with(&results);
+    place.build();
+    for (path, text) in texts(&place.request.out) {
+        let path = path.display();
+        let rows = text.split("<tr").skip(1).filter_map(|row| {
+            let (row, _) = row.split_once("</tr>")?;
+            row.contains("hasty").then_some(row)
+        });
+        for line in text.lines().filter(|line| line.contains("hasty")) {
+            for mark in ["**", "\\textbf", ",best,"] {
+                assert!(!line.contains(mark), "{path}: {line}");
+            }
+        }
+        for row in rows {
+            assert!(!row.contains("title=\"best\""), "{path}: {row}");
+        }
+    }
+    for file in ["views.md", "dynamic-scenes.md", "4dgs.md"] {
+        let table = place.layout(file);
+        let mut rows = table.lines().filter(|line| line.starts_with("| whole"));
+        assert!(
+            rows.any(|row| row.contains("**30.000**")),
+            "{file}: {table}"
+        );
+    }
+    let pages = files(&place.request.out.join("site/methods")).into_iter();
+    let pages = pages.map(|(_, bytes)| String::from_utf8(bytes).unwrap());
+    let why = "Not ranked: metrics of the protocol were left out for a quick look.";
+    assert_eq!(pages.filter(|page| page.contains(why)).count(), 1);
+}

@@ -229,18 +229,44 @@ fn readers_sort_filter_and_compare_in_a_browser() {
     );
 }
 
+/// Returns the files that the first page offers, relative to it.
+fn downloads_of(site: &Path) -> Vec<String> {
+    let index = fs::read_to_string(site.join("index.html")).unwrap();
+    let links = index.split("<a href=\"").skip(1);
+    links
+        .filter_map(|link| link.split_once('"'))
+        .filter_map(|(file, rest)| rest.starts_with(" download").then(|| file.to_owned()))
+        .collect()
+}
+
+/// A failed run has no scores, and a table of none is not written.
+#[test]
+fn without_scores_no_table_of_them_is_offered() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("results");
+    let mut failed = result("hall/seq-000", "odgs", 25.0, 0.8);
+    failed.run_failure = Some("out of memory".to_owned());
+    write(&input, &failed);
+    let request = request(&input, &folder.path().join("out"));
+    build_leaderboard(&request).unwrap();
+    let site = request.out.join("site");
+    let offered = downloads_of(&site);
+    assert!(
+        !offered.iter().any(|file| file.ends_with("parquet")),
+        "{offered:?}"
+    );
+    for file in offered {
+        assert!(site.join(&file).is_file(), "{file}");
+    }
+}
+
 #[test]
 fn what_is_offered_for_download_is_there() {
     let folder = tempfile::tempdir().unwrap();
     let request = small_site(folder.path());
     build_leaderboard(&request).unwrap();
     let site = request.out.join("site");
-    let index = fs::read_to_string(site.join("index.html")).unwrap();
-    let links = index.split("<a href=\"").skip(1);
-    let offered: Vec<&str> = links
-        .filter_map(|link| link.split_once('"'))
-        .filter_map(|(file, rest)| rest.starts_with(" download").then_some(file))
-        .collect();
+    let offered = downloads_of(&site);
     for ending in ["csv", "parquet", "tex", "bib"] {
         assert!(
             offered.iter().any(|file| file.ends_with(ending)),
@@ -248,7 +274,7 @@ fn what_is_offered_for_download_is_there() {
         );
     }
     for file in offered {
-        assert!(fs::metadata(site.join(file)).unwrap().len() > 0, "{file}");
+        assert!(fs::metadata(site.join(&file)).unwrap().len() > 0, "{file}");
     }
     let citation = fs::read_to_string(site.join("downloads/citation.bib")).unwrap();
     assert!(citation.starts_with("@misc{"), "{citation}");

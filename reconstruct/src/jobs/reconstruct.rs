@@ -324,7 +324,7 @@ mod tests {
         let hovering = Scene {
             points: Some("points.ply".to_owned()),
             pose_source: PoseSource::Registered {
-                reason: "homographies of a plane leave 1.40 pixels".to_owned(),
+                reason: "rotations leave 1.40 pixels between frames".to_owned(),
                 succeeded: true,
             },
             ..Scene::given("hover", pinhole, Vec::new())
@@ -342,7 +342,7 @@ mod tests {
                 .is_some_and(|line| line.contains("metres"))
         );
         let uncertain = PoseSource::Registered {
-            reason: "homographies of a plane leave 1.40 pixels".to_owned(),
+            reason: "rotations leave 1.40 pixels between frames".to_owned(),
             succeeded: false,
         };
         for refused in [

@@ -98,7 +98,8 @@ impl NamedFrames {
     }
 }
 
-/// Reads a file of boxes; classes are as in the file, empty if it has none. A line reports confidences that are none.
+/// Reads a file of boxes; classes are as in the file, empty if it has none. A line reports confidences that are
+/// neither in [0, 1] nor -1.
 ///
 /// # Errors
 /// When it cannot be read, or has an invalid box in one of the frames.
