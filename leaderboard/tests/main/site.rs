@@ -235,7 +235,8 @@ fn downloads_of(site: &Path) -> Vec<String> {
     let links = index.split("<a href=\"").skip(1);
     links
         .filter_map(|link| link.split_once('"'))
-        .filter_map(|(file, rest)| rest.starts_with(" download").then(|| file.to_owned()))
+        .filter(|(_, rest)| rest.starts_with(" download"))
+        .map(|(file, _)| file.to_owned())
         .collect()
 }
 
