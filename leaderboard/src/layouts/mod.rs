@@ -218,7 +218,9 @@ pub(crate) fn mark_notes(group: &Group<'_>) -> Vec<String> {
     }
     if numbers().any(|numbers| numbers.partial) {
         let (symbol, meaning) = (Mark::Partial.symbol(), Mark::Partial.meaning());
-        notes.push(format!("{symbol} {meaning}: a method with such a result is not ranked."));
+        notes.push(format!(
+            "{symbol} {meaning}: a method with such a result is not ranked."
+        ));
     }
     if numbers().any(|numbers| !numbers.stated.is_empty()) {
         notes.push(format!(
