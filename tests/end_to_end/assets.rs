@@ -139,7 +139,7 @@ fn requests_that_make_no_asset_are_refused_in_one_line_and_leave_nothing() {
     assert!(
         ended
             .failed_quietly(2)
-            .contains("broken.splat: has 33 bytes"),
+            .contains("broken.splat: must have whole rows of 32 bytes, got 33"),
         "{}",
         ended.stderr
     );

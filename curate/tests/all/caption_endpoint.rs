@@ -273,7 +273,7 @@ fn what_an_endpoint_does_wrong_is_one_line_and_what_is_captioned_is_kept() {
             "no model",
             1,
         ),
-        (vec![text("not JSON")], "no chat completion", 1),
+        (vec![text("not JSON")], "must be a chat completion", 1),
         (vec![text("{\"choices\": []}")], "no choices", 1),
         (vec![Reply::caption(" ")], "no text", 1),
         (

@@ -71,9 +71,9 @@ fn exports_merge_no_frames_and_leave_their_folder_alone() {
     for (image, reason) in [
         ("frames/000003.png", "frames 0 and 3 have one file name"),
         ("more/000001.png", "frames 0 and 1 have one file name"),
-        ("/etc/hostname", "no file in its folder"),
-        ("../000000.png", "no file in its folder"),
-        ("", "no file in its folder"),
+        ("/etc/hostname", "must name a file in its folder"),
+        ("../000000.png", "must name a file in its folder"),
+        ("", "must name a file in its folder"),
     ] {
         let mut edited = scene.clone();
         edited.frames[0].image = image.to_owned();
