@@ -203,7 +203,7 @@ impl Walk {
         self.write_removal("no such part");
         let ended = self.run("reconstruct edit @run --script @edit.toml --out @none");
         let message = ended.failed_quietly(2);
-        let (_, parts) = message.rsplit_once("there are ").unwrap();
+        let (_, parts) = message.split_once("must be one of ").unwrap();
         assert_eq!(self.left("none"), [""; 0]);
         parts.split(", ").next().unwrap().to_owned()
     }

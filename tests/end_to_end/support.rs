@@ -242,7 +242,7 @@ pub(crate) fn assert_all_whole(folder: &Path) {
             "png" => drop(image::open(&path).unwrap()),
             "parquet" => assert!(fs::read(&path).unwrap().ends_with(b"PAR1"), "{file}"),
             "ply" => assert!(fs::read(&path).unwrap().starts_with(b"ply\n"), "{file}"),
-            "csv" | "md" | "svg" | "tex" | "txt" | "css" | "js" => {
+            "bib" | "csv" | "md" | "svg" | "tex" | "txt" | "css" | "js" => {
                 assert!(fs::read_to_string(&path).unwrap().ends_with('\n'), "{file}");
             }
             "html" => {
