@@ -380,7 +380,9 @@ fn results_of_others_are_read_with_care() {
     let place = Place::with(&[outside]);
     let error = question(&place, "views", &[], &["psnr"], &[]).unwrap_err();
     assert!(
-        error.to_string().contains("must name a file in its folder"),
+        error
+            .to_string()
+            .contains("must be a relative path inside its folder"),
         "{error}"
     );
 }
