@@ -248,8 +248,8 @@ mod tests {
             ("file,colour\nx,red\n", "unknown field"),
             ("file\n \n", "without a file"),
             ("file\na.mp4\na.mp4\n", "twice"),
-            ("file,date\na.mp4,yesterday\n", "no date"),
-            ("file,date\na.mp4,2026-13\n", "no date"),
+            ("file,date\na.mp4,yesterday\n", "the date must be like"),
+            ("file,date\na.mp4,2026-13\n", "the date must be like"),
             ("file,kind\na.mp4,stolen\n", "neither web"),
         ] {
             let message = read_as("list.csv", text).expect_err(text);

@@ -39,7 +39,7 @@ pub(crate) struct PoseArguments {
     /// Mean angle of a hovering drone's camera below the horizon, 20 to 90: assumes level ground below it, tilted by
     /// that. With --altitude or --gsd alone the camera counts as looking straight down; without any of the three there
     /// is no ground.
-    #[arg(long, value_name = "DEGREES", conflicts_with = "poses")]
+    #[arg(long, value_name = "DEGREES", value_parser = numbers::positive, conflicts_with = "poses")]
     pub(crate) camera_pitch: Option<f64>,
 }
 

@@ -154,7 +154,7 @@ mod tests {
         assert_eq!(most("12"), Ok(Some(12)));
         for bad in ["", "0", "-1", "1.5M", "M", "all", "99999999999999M", "../x"] {
             let message = most(bad).expect_err("refused");
-            assert!(message.contains("expected full"), "{message}");
+            assert!(message.contains("a level must be full"), "{message}");
         }
     }
 
