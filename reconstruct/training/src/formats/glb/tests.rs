@@ -229,7 +229,10 @@ fn what_is_no_glb_of_gaussians_is_refused_by_name() {
             ),
             "shears or mirrors",
         ),
-        (with("\"mode\":0", "\"mode\":4"), "no points"),
+        (
+            with("\"mode\":0", "\"mode\":4"),
+            "must have Gaussians as points",
+        ),
         (
             with(":OPACITY", ":OPAQUE"),
             "without KHR_gaussian_splatting:OPACITY",
