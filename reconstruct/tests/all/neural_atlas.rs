@@ -376,7 +376,10 @@ fn masks_that_leave_nothing_are_refused_and_empty_ones_have_a_reason() {
     let message = begin(covered, &[], &small_request())
         .unwrap_err()
         .to_string();
-    assert!(message.contains("must leave the background visible"), "{message}");
+    assert!(
+        message.contains("must leave the background visible"),
+        "{message}"
+    );
     let mut empty = clip();
     for frame in &mut empty.frames {
         frame.masks[0] = None;
