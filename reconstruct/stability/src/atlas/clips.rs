@@ -208,7 +208,7 @@ fn odd_masks(kind: DeviceKind) -> Result<(), String> {
     let all = vec![mask(|_, _| true); 3];
     let refused = learn(kind, clip(small_pinhole(), 1.0, DVec3::ZERO, &all)).err();
     check(
-        refused.is_some_and(|reason| reason.contains("no background")),
+        refused.is_some_and(|reason| reason.contains("must leave the background visible")),
         || "masks of everything leave a background".to_owned(),
     )
 }
