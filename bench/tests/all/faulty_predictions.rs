@@ -103,7 +103,7 @@ fn images_in_other_formats_are_named() {
             "000002.png is missing"
         ]
     );
-    // An image of no frame in such a format is no stray, one beside a prediction is named.
+    // Such a format is named only where it lies beside a prediction of the same frame.
     let has = |part: &str| result.warnings.iter().any(|line| line.contains(part));
     assert!(!has("of no view that was scored"));
     assert!(has("000003.jpg") && !has("0.JPG"));

@@ -3,7 +3,7 @@
 //! Rotations tell no distances: a plane anywhere explains the images. So the ground is assumed to be level, at a
 //! distance of 1 straight below the camera. The stated angle of the camera below the horizon tilts it against the
 //! images; where only a size on the ground is stated, the mean camera looks straight down. Points of the ground have the median colours of the
-//! clip, in which moving objects vanish. Near the horizon there are none, nor above it.
+//! clip, in which moving objects vanish. Ground near the horizon has no points.
 
 use glam::{DMat3, DQuat, DVec3, dvec2};
 use omnilife_schemas::{

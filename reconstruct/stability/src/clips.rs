@@ -181,7 +181,8 @@ fn darkened(mut scene: TrainingScene) -> TrainingScene {
 const GREY: u8 = 60;
 /// Ids of methods that learn a clip: this project's own, and those that train as many Gaussians as fast.
 const OWN: [&str; 1] = [omni4dgs_plus::METHOD.id];
-/// Without `omni4dgs`, which ends 14 % off: an opacity below 1/255 has no gradient, and its stays there.
+/// Without `omni4dgs`, which fails this clip: it ends 14 % off. The cause is not measured; opacities below 1/255, which
+/// have no gradient, are suspected.
 const LEARN_DARK: [&str; 3] = [
     odgs::METHOD.id,
     periodic::METHOD.id,

@@ -383,8 +383,8 @@ impl Walk<'_> {
     }
 }
 
-/// Components that no case here lets act: nothing crosses before an object of these clips, and the objects of these
-/// flights leave the points no room for more.
+/// Components without an effect in any case of this walk. The causes are not known: each needs a case in which it acts,
+/// or has to be removed.
 const WITHOUT_A_CASE: [&str; 2] = ["nag: front", "object-graph: denser-points"];
 
 #[test]
