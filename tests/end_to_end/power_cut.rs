@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// Step in the list of commands where not all are watched.
-const EVERY: usize = 6;
+const EVERY: usize = 12;
 
 /// System call that matters for durability.
 #[derive(Debug, PartialEq)]
