@@ -37,8 +37,8 @@ pub(crate) struct PoseArguments {
     #[arg(long, value_name = "METRES", value_parser = numbers::positive)]
     pub(crate) gsd: Option<f64>,
     /// Mean angle of a hovering drone's camera below the horizon, 20 to 90: assumes level ground below it, tilted by
-    /// that. With --altitude or --gsd alone the camera counts as looking straight down; without any of the three there
-    /// is no ground.
+    /// that. With --altitude or --gsd alone the camera counts as looking straight down. The ground of a hovering drone
+    /// requires one of the three.
     #[arg(long, value_name = "DEGREES", value_parser = numbers::positive, conflicts_with = "poses")]
     pub(crate) camera_pitch: Option<f64>,
 }

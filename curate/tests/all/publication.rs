@@ -174,7 +174,7 @@ fn record_sets_are_those_of_the_tables() {
     assert_eq!(fs::read(out.join("SHA256SUMS")).unwrap(), sums);
 }
 
-/// A flight of a drone is no panorama, and the release of its frames claims none.
+/// A flight of a drone is not panoramic, and the release of its frames does not claim it.
 #[test]
 fn the_card_of_perspective_video_claims_no_panoramas() {
     let (_folder, out) = dataset();
