@@ -52,7 +52,7 @@ use serde::Deserialize;
 pub use licence::licence;
 pub use selection::{SelectRequest, Selection, properties, select};
 pub use statistics::{SequenceRow, Statistics, Tally};
-pub(crate) use statistics::{optional, status_name};
+pub(crate) use statistics::{is_annotated, optional, status_name};
 pub use verify::verify;
 
 use crate::error::CurateError;
