@@ -28,7 +28,7 @@ pub struct ValidationReport {
     /// All faults: likely mistakes of convention first, then files in the order of the views, stray files last. For a
     /// failed run only the failure: none of its views is read.
     pub findings: Vec<Finding>,
-    /// Facts that are no faults of the predictions, one line each: copies of given views, frames of the data that are
+    /// Facts beside the faults of the predictions, one line each: copies of given views, frames of the data that are
     /// given and held out.
     pub notes: Vec<String>,
 }

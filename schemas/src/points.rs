@@ -105,7 +105,7 @@ impl<T> PointCloud<T> {
         self.positions.len()
     }
 
-    /// Returns whether there are no points.
+    /// Returns true for a cloud without points.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
@@ -275,7 +275,7 @@ impl<'a> PlyTable<'a> {
         self.header.count
     }
 
-    /// Returns whether there are no vertices.
+    /// Returns true for a file without vertices.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

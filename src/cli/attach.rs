@@ -16,8 +16,8 @@ pub(crate) struct AttachArguments {
     /// The scene.json, or its folder.
     #[arg(value_parser = places::scene_folder())]
     pub(crate) scene: PathBuf,
-    /// Poses for a scene that has none: a poses.json, a folder with a COLMAP model, or a .npy with a matrix for every
-    /// frame (N x 4 x 4 or N x 3 x 4).
+    /// Poses for a scene without them: a poses.json, a folder with a COLMAP model, or a .npy. A .npy has a matrix for
+    /// every frame (N x 4 x 4 or N x 3 x 4).
     #[arg(long, group = "pose_files", help_heading = "Camera poses")]
     poses: Option<PathBuf>,
     /// Direction of the matrices of a .npy file, with camera axes x right, y down, z forward.

@@ -139,8 +139,8 @@ pub(crate) enum BenchCommand {
         /// The scene.json, or its folder.
         #[arg(long, value_parser = places::scene_file())]
         scene: PathBuf,
-        /// True poses of the scene's frames, in a form of `bench poses`: paths of a scene posed from its images
-        /// alone are brought to their world by the cameras, and are left out without.
+        /// True poses of the scene's frames, in a form of `bench poses`. Paths of a scene posed from its images
+        /// alone are brought to their world by the cameras; without true poses such paths are left out.
         #[arg(long, value_name = "FILE")]
         true_poses: Option<PathBuf>,
         /// Direction of the matrices of a .npy file, with camera axes x right, y down, z forward.

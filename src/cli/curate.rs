@@ -41,11 +41,11 @@ pub(crate) struct CurationArguments {
     #[arg(long, value_name = "KIND", value_parser = parse_accept)]
     pub(crate) accept: Option<VideoProjection>,
     /// Takes the videos as pinhole (perspective, whose frames make pinhole scenes), or converts frames of another
-    /// sphere layout to equirectangular ones: stereo-top-bottom, stereo-left-right (the left eye), half-erp,
+    /// sphere layout to equirectangular ones. Layouts: stereo-top-bottom, stereo-left-right (the left eye), half-erp,
     /// half-erp-left-right, half-erp-top-bottom (VR180; the back is an ignored region), eac, cubemap-3x2,
-    /// cubemap-6x1, cubemap-1x6 (:rludfb is the order of faces), dual-fisheye (:190 is the field of view in degrees;
-    /// without it, it is measured where both lenses overlap) [default: stereo, and eac and VR180 that the file
-    /// states; other layouts must be given].
+    /// cubemap-6x1, cubemap-1x6 (:rludfb is the order of faces), dual-fisheye. A :190 after dual-fisheye is its field
+    /// of view in degrees, otherwise measured where lenses overlap [default: stereo, and eac and VR180 that the
+    /// file states; others must be given].
     #[arg(long, value_name = "KIND", conflicts_with = "accept", value_parser = parse_projection)]
     pub(crate) projection: Option<ProjectionArgument>,
     /// Drops shots shorter than this, in seconds.
@@ -275,8 +275,8 @@ pub(crate) enum CurateCommand {
         /// orthophoto (the ground without moving vehicles).
         #[arg(long, value_name = "FORMAT", value_delimiter = ',')]
         export: Vec<String>,
-        /// Positions of a drone in the subtitles (.SRT) of its video; with them, or with positions of stills in
-        /// EXIF, exports have places on the Earth, and georeference.json the similarity with its residuals.
+        /// Positions of a drone in the subtitles (.SRT) of its video. With them, or with positions of stills in
+        /// EXIF, exports have places on the Earth; georeference.json has the similarity with its residuals.
         #[arg(long, value_name = "FILE.srt")]
         telemetry: Option<PathBuf>,
         /// Prints which distances and detections would be used, which left out, and the evidence; writes no tracks.

@@ -150,8 +150,8 @@ pub(crate) struct ExportArguments {
     #[arg(long, value_name = "N", requires = "cube_faces", default_value_t = 0,
         value_parser = numbers::whole::<usize>)]
     sky_points: usize,
-    /// Resizes images to fit into frames of this size, never enlarging them, and puts them in the middle of black
-    /// padding, which the masks leave out [default: as the split says]. Panoramas with padding need a format
+    /// Resizes images to fit into frames of this size, never enlarging them, in the middle of black padding, which
+    /// the masks leave out [default: as the split says]. Panoramas with padding need a format
     /// that says where they lie (nerfstudio), others would take the frame for the whole sphere.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size, conflicts_with = "cube_faces")]
     pub(crate) pad_to: Option<[u32; 2]>,

@@ -15,8 +15,8 @@ use crate::exit::BadRequest;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Camera poses")]
 pub(crate) struct PoseArguments {
-    /// Camera poses: a poses.json, a folder with a COLMAP model, or a .npy with a matrix for every frame
-    /// (N x 4 x 4 or N x 3 x 4) [default: structure from motion].
+    /// Camera poses: a poses.json, a folder with a COLMAP model, or a .npy [default: structure from motion]. A .npy
+    /// has a matrix for every frame (N x 4 x 4 or N x 3 x 4).
     #[arg(long)]
     pub(crate) poses: Option<PathBuf>,
     /// Direction of the matrices of a .npy file, with camera axes x right, y down, z forward.
@@ -37,8 +37,8 @@ pub(crate) struct PoseArguments {
     #[arg(long, value_name = "METRES", value_parser = numbers::positive)]
     pub(crate) gsd: Option<f64>,
     /// Mean angle of a hovering drone's camera below the horizon, 20 to 90: assumes level ground below it, tilted by
-    /// that. With --altitude or --gsd alone the camera counts as looking straight down; without any of the three there
-    /// is no ground.
+    /// that. With --altitude or --gsd alone the camera counts as looking straight down. The ground of a hovering drone
+    /// requires one of the three.
     #[arg(long, value_name = "DEGREES", value_parser = numbers::positive, conflicts_with = "poses")]
     pub(crate) camera_pitch: Option<f64>,
 }
@@ -92,8 +92,8 @@ pub(crate) struct MovingMasksArgument {
 #[command(next_help_heading = "Camera poses")]
 pub(crate) struct IgnoreMaskArgument {
     /// Ignored region, such as the operator or a tripod: an image for all frames, or a folder with one per
-    /// frame, white where it is; or nadir:DEGREES, all within that angle of straight down. It gives no
-    /// features, nothing is learned from it, and no score counts it.
+    /// frame, white where it is. The form nadir:DEGREES ignores all within that angle of straight down. An ignored
+    /// region gives no features, nothing is learned from it, and no score counts it.
     #[arg(long, value_name = "PATH")]
     pub(crate) ignore_mask: Option<IgnoredRegion>,
 }
@@ -156,8 +156,8 @@ pub(crate) struct TruthArguments {
     /// where they are; may be repeated.
     #[arg(long = "class", value_name = "NAME=FOLDER", value_parser = parse_class)]
     pub(crate) classes: Vec<(String, PathBuf)>,
-    /// Folder of depth priors (of a network, a sensor), for methods that start from them: 16-bit
-    /// grey PNG or .npy files named like the frames, at any size, 0 where the distance is not known.
+    /// Folder of depth priors (of a network, a sensor), for methods that start from them. Files are 16-bit
+    /// grey PNG or .npy named like the frames, at any size, 0 where the distance is not known.
     #[arg(
         long,
         value_name = "FOLDER",

@@ -41,17 +41,18 @@ pub(crate) struct MethodArguments {
     /// method: without `short-schedule`, one of them, step sizes are the published ones.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) without: Vec<String>,
-    /// Components of the method: those that the scene gives reason for, all of them as published, or a
-    /// list [default: full for the published methods deformable, periodic and omni4dgs, auto for
-    /// the others].
+    /// Components of the method: auto takes those that the scene gives reason for, full takes all as
+    /// published. A list names them [default: full for the published methods deformable, periodic and
+    /// omni4dgs, auto for the others].
     #[arg(long, value_name = "auto|full|COMPONENT,...", value_parser = plan)]
     pub(crate) plan: Option<PlanChoice>,
     /// Computes on the CPU, or on a GPU.
     #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
     pub(crate) backend: BackendArgument,
-    /// Adds a row to the trace, with novel views rendered for the curve of error against run time,
-    /// every this many iterations [default: at equal ratios of the CPU time of planning and training:
-    /// before the first step, after 1, 1.4, 2, 2.8, 4 ... seconds, and after the last step].
+    /// Adds a row to the trace every this many iterations, with novel views rendered for the curve of
+    /// error against run time [default: at equal ratios of the CPU time]. The default rows come before
+    /// the first step, after 1, 1.4, 2, 2.8, 4 ... seconds of planning and training, and after the last
+    /// step.
     #[arg(long, value_name = "ITERATIONS", value_parser = numbers::count::<u64>)]
     pub(crate) trace: Option<u64>,
     /// At each row of the trace renders this many novel views, evenly spread; 0 for none, and no
@@ -180,8 +181,8 @@ pub(crate) struct RenderArguments {
     /// Folder of the images.
     #[arg(long)]
     pub(crate) out: PathBuf,
-    /// Axes of the poses' world that x, y and z of a file point along, such as x,-z,y for a file with y
-    /// down in a world with z up [default: x,y,z]. SPZ and glTF are turned to y down before.
+    /// Axes of the poses' world that x, y and z of a file point along [default: x,y,z]. For a file with y
+    /// down in a world with z up they are x,-z,y. SPZ and glTF are turned to y down before.
     #[arg(long, value_name = "X,Y,Z", value_parser = FileAxes::parse, allow_hyphen_values = true)]
     pub(crate) axes: Option<FileAxes>,
     /// Size of the images in pixels [default: the scene's, or 1024x512; of faces, as sharp].
@@ -403,7 +404,7 @@ pub(crate) enum ReconstructCommand {
     },
     /// Edits the parts of a run's model by a script, into a run of its own that lists the changes.
     ///
-    /// A script has `[[edit]]` tables, each with `kind` and `object`: `remove`; `shift` with `by = [x, y, z]`;
+    /// A script has `[[edit]]` tables, each with `kind` and `object`. Kinds: `remove`; `shift` with `by = [x, y, z]`;
     /// `rotate` with `turn = [x, y, z]` in degrees; `duplicate` with `new`; `retime` with `seconds` or `frames`;
     /// `texture` with `image` and `frame`. `axes` are "ground" (vehicles have them where nothing is said), "camera"
     /// (nodes of an atlas have them) or "world"; `unit` is "world" (vehicles) or "distance" (nodes).

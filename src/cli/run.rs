@@ -58,9 +58,9 @@ pub(crate) struct RunArguments {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Dynamic masks")]
 pub(crate) struct MaskStepArguments {
-    /// auto makes masks where the method trains on them and a detector reaches its bar on labelled footage, none makes
-    /// none, and a folder has one for each frame, white where something moves. Structure from motion leaves it out, and
-    /// the scene keeps it.
+    /// auto makes masks where the method trains on them and a detector reaches its bar on labelled footage, and none
+    /// leaves them out. A folder has one for each frame, white where something moves. Structure from motion leaves it
+    /// out, and the scene keeps it.
     #[arg(
         long,
         value_name = "auto|none|DIR",

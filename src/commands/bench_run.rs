@@ -12,14 +12,17 @@
 //! a default protocol is one row of the outcomes, `left out`. Units are run by the pool of `sweep run`, each in
 //! processes of its own, so that the memory in a record is that of one run. Finished units are not run again.
 
-use std::path::Path;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
 use omnilife_reconstruct::request::MethodRequest;
 use omnilife_schemas::{
     ErrorKind,
     lock::FolderLock,
-    plain_text::serialize_for_spreadsheet,
+    plain_text::{counted, serialize_for_spreadsheet},
     progress::Progress,
     records::{ResultRecord, SweepUnit},
     stage::StagePlan,
@@ -49,6 +52,9 @@ const SITE_VIEWS: usize = 4;
 /// Row of the summary.
 #[derive(Debug, Clone, Serialize)]
 struct Unit {
+    /// Id in the plan; empty where the scene is left out for all methods.
+    #[serde(skip)]
+    id: String,
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     scene: String,
     protocol: String,
@@ -75,6 +81,7 @@ impl Unit {
 impl From<LeftOut> for Unit {
     fn from(pair: LeftOut) -> Self {
         Self {
+            id: String::new(),
             scene: pair.scene,
             protocol: pair.protocol,
             method: String::new(),
@@ -125,8 +132,11 @@ pub(crate) fn execute(
     let units = summary.run([OUTCOMES_FILE], progress, |made| -> anyhow::Result<_> {
         let mut units: Vec<Unit> = pooled::run_units(&arguments.out, units, progress)?
             .iter()
-            .map(|(unit, state)| outcome(unit, state, progress))
+            .map(|(unit, state)| outcome(unit, state))
             .collect::<Result<_, _>>()?;
+        for line in reasons(&units) {
+            progress.note(&line);
+        }
         units.extend(left_out.into_iter().map(Unit::from));
         store::write_csv_rows(&made.path(OUTCOMES_FILE), &units)?;
         made.add(OUTCOMES_FILE);
@@ -185,7 +195,7 @@ fn training_options(arguments: &BenchRunArguments) -> Vec<String> {
 }
 
 /// Returns the row of a unit: its outcome, and that of the views in its result.
-fn outcome(unit: &SweepUnit, state: &UnitState, progress: &dyn Progress) -> anyhow::Result<Unit> {
+fn outcome(unit: &SweepUnit, state: &UnitState) -> anyhow::Result<Unit> {
     let label = |name: &str| unit.labels.get(name).cloned().unwrap_or_default();
     let result = result_of(unit)?;
     // The result has the reason in the method's own words; the pool has the end of its command.
@@ -197,10 +207,8 @@ fn outcome(unit: &SweepUnit, state: &UnitState, progress: &dyn Progress) -> anyh
         (None, Some(reason)) => ("incomplete", reason, Some(ErrorKind::User)),
         (None, None) => ("scored", String::new(), None),
     };
-    if !reason.is_empty() {
-        progress.note(&format!("{}: {reason}", unit.id));
-    }
     Ok(Unit {
+        id: unit.id.clone(),
         scene: label("scene"),
         protocol: label("protocol"),
         method: label("method"),
@@ -209,6 +217,28 @@ fn outcome(unit: &SweepUnit, state: &UnitState, progress: &dyn Progress) -> anyh
         reason,
         blame,
     })
+}
+
+/// Returns a line for every reason on a scene. A reason that several runs share, such as a fault of the scene, is one
+/// line with their number.
+fn reasons(units: &[Unit]) -> Vec<String> {
+    let mut groups: BTreeMap<(&str, &str), Vec<&Unit>> = BTreeMap::new();
+    for unit in units.iter().filter(|unit| !unit.reason.is_empty()) {
+        let reason = (unit.scene.as_str(), unit.reason.as_str());
+        groups.entry(reason).or_default().push(unit);
+    }
+    let line = |((scene, reason), runs): ((&str, &str), Vec<&Unit>)| {
+        if let [run] = runs[..] {
+            return format!("{}: {reason}", run.id);
+        }
+        let methods: BTreeSet<&str> = runs.iter().map(|run| run.method.as_str()).collect();
+        let methods = match methods.first() {
+            Some(&method) if methods.len() == 1 => method.to_owned(),
+            _ => counted(methods.len(), "method"),
+        };
+        format!("{scene}: {reason} ({} runs of {methods})", runs.len())
+    };
+    groups.into_iter().map(line).collect()
 }
 
 /// Returns the result of a unit, where it left one.
@@ -249,4 +279,40 @@ fn as_result(units: &[Unit]) -> anyhow::Result<()> {
         blame,
     }
     .into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reason_that_methods_share_is_one_line_with_their_number() {
+        let run = |method: &str, protocol: &str, reason: &str| Unit {
+            id: format!("{protocol}.{method}"),
+            scene: "hall".to_owned(),
+            protocol: protocol.to_owned(),
+            method: method.to_owned(),
+            seed: Some(0),
+            outcome: "failed",
+            reason: reason.to_owned(),
+            blame: Some(ErrorKind::User),
+        };
+        let lines = reasons(&[
+            run("a", "sparse", "no frame 3"),
+            run("b", "dense", "no frame 3"),
+            run("b", "sparse", "no frame 3"),
+            run("a", "dense", "no memory"),
+            run("c", "dense", "no weights"),
+            run("c", "sparse", "no weights"),
+            run("d", "dense", ""),
+        ]);
+        assert_eq!(
+            lines,
+            [
+                "hall: no frame 3 (3 runs of 2 methods)",
+                "dense.a: no memory",
+                "hall: no weights (2 runs of c)",
+            ]
+        );
+    }
 }

@@ -237,7 +237,7 @@ pub(super) fn film(rendered: &RenderedViews, file: &Path) -> anyhow::Result<Stri
     ))
 }
 
-/// Returns the table of the shares that no input view saw, or the reason why there is none.
+/// Returns the table of the shares that no input view saw, or the reason why it is missing.
 fn unseen_table(cameras: &WordedViews) -> String {
     if let Some(reason) = &cameras.unmeasured {
         return format!("unseen shares are not measured: {reason}\n");

@@ -29,7 +29,7 @@ use crate::{
     host,
     lock::{self, HeldLock, Holder},
     process::{EndReason, Running},
-    status::Status,
+    status::{self, Status},
     unit::{self, AttemptEnd, Launch, MOST_LOST_RUNNERS},
 };
 
@@ -454,8 +454,8 @@ impl<'a> Pool<'a> {
                 for what in &outcome.left_running {
                     progress.note(&format!("{}: left running: {what}", unit.id));
                 }
-                if let Some(failure) = &outcome.failure {
-                    progress.note(&format!("{}: {failure}", unit.id));
+                if outcome.failure.is_some() {
+                    progress.note(&status::failure_line(&outcome, &self.failed));
                     self.failed.push(*outcome);
                 } else {
                     self.done += 1;

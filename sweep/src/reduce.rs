@@ -1,6 +1,6 @@
 //! Reduction of the units' results to one whole: tables, a dataset.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use omnilife_schemas::progress::Progress;
 
@@ -18,7 +18,7 @@ const LOG_FILE: &str = "reduce.log";
 ///
 /// # Errors
 /// When the sweep cannot be read or written, or a command of the reduction fails. Failed units are not errors, nor is a
-/// unit whose failure cannot be recorded, such as one without a split: it is noted.
+/// unit whose failure cannot be recorded, such as one without a split: it is noted, once for units of one reason.
 pub fn reduce(
     folder: &Path,
     program: &Path,
@@ -28,6 +28,7 @@ pub fn reduce(
     status.write_csv()?;
     let log = status.sweep.folder.join(LOG_FILE);
     omnilife_schemas::store::remove(&log)?;
+    let mut unrecorded: BTreeMap<String, (String, usize)> = BTreeMap::new();
     for (unit, state) in status.units() {
         if matches!(state, UnitState::Failed(_)) {
             let reason = status::reason(state);
@@ -37,11 +38,18 @@ pub fn reduce(
                     .map(|word| word.replace("{reason}", &reason))
                     .collect();
                 if let Err(error) = run(&status.sweep, &filled, program, &log, progress) {
-                    progress.note(&format!("{}: {reason}; {error}", unit.id));
+                    let first = || (format!("{}: {reason}; {error}", unit.id), 0);
+                    unrecorded.entry(reason.clone()).or_insert_with(first).1 += 1;
                     break;
                 }
             }
         }
+    }
+    for (first, units) in unrecorded.values() {
+        progress.note(&match units {
+            1 => first.clone(),
+            _ => format!("{first} (the first of {units} units that failed for this reason)"),
+        });
     }
     for command in &status.sweep.plan.reduce {
         progress.note(&format!("reducing: {}", command.join(" ")));

@@ -125,6 +125,20 @@ pub fn reason(state: &UnitState) -> String {
     }
 }
 
+/// Returns the line on a unit's failure: its reason, or the unit of an earlier failure with the same reason.
+pub(crate) fn failure_line(outcome: &UnitOutcome, earlier: &[UnitOutcome]) -> String {
+    let same = earlier
+        .iter()
+        .find(|other| other.failure == outcome.failure);
+    match same {
+        Some(first) => format!("{}: fails as {} does", outcome.unit, first.unit),
+        None => {
+            let reason = outcome.failure.as_deref().unwrap_or_default();
+            format!("{}: {reason}", outcome.unit)
+        }
+    }
+}
+
 fn row(unit: &SweepUnit, state: &UnitState) -> Vec<String> {
     let seconds = |value: f64| format!("{value:.3}");
     let text = |value: Option<String>| value.unwrap_or_default();
@@ -148,4 +162,35 @@ fn row(unit: &SweepUnit, state: &UnitState) -> Vec<String> {
         text(outcome.and_then(|outcome| outcome.cpu_seconds.map(seconds))),
         text(outcome.and_then(|outcome| Some(outcome.peak_memory_bytes?.to_string()))),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lock;
+
+    #[test]
+    fn a_reason_is_printed_with_the_first_unit_that_has_it() {
+        let failed = |unit: &str, failure: &str| UnitOutcome {
+            unit: unit.to_owned(),
+            failure: Some(failure.to_owned()),
+            exit_code: Some(2),
+            unit_sha256: String::new(),
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+            attempt: 1,
+            runner: lock::unknown(),
+            begun_unix_seconds: 0.0,
+            wall_seconds: 0.0,
+            cpu_seconds: None,
+            peak_memory_bytes: None,
+            log: String::new(),
+            left_running: Vec::new(),
+        };
+        let earlier = [failed("a", "no frame 3"), failed("b", "no memory")];
+        let line = |unit: &str, failure: &str| failure_line(&failed(unit, failure), &earlier);
+        assert_eq!(line("c", "no weights"), "c: no weights");
+        let repeated = line("d", "no memory");
+        assert!(repeated.contains('b') && !repeated.contains("no memory"));
+    }
 }

@@ -8,6 +8,12 @@ use scoring::{Bench, image};
 
 use crate::{scenes, scoring};
 
+/// Returns the reasons of a result's failures, in its order.
+fn reasons(result: &ResultRecord) -> Vec<&str> {
+    let failures = result.failures.iter();
+    failures.map(|failure| failure.reason.as_str()).collect()
+}
+
 #[test]
 fn faults_of_predictions_are_rows_of_failures() {
     let bench = Bench::new();
@@ -70,9 +76,8 @@ fn frames_with_two_predictions_or_another_name_are_failures() {
     fs::copy(at("000001.png"), at("1.png")).unwrap();
     fs::rename(at("000002.png"), at("0002.PNG")).unwrap();
     let result = bench.score().unwrap();
-    let reasons: Vec<_> = result.failures.iter().map(|f| f.reason.as_str()).collect();
     assert_eq!(
-        reasons,
+        reasons(&result),
         [
             "000001.png and 1.png are both of frame 1",
             "000002.png is missing; 0002.PNG is not its name"
@@ -94,9 +99,8 @@ fn images_in_other_formats_are_named() {
     }
     fs::copy(at("000003.png"), at("000003.jpg")).unwrap();
     let result = bench.score().unwrap();
-    let reasons: Vec<_> = result.failures.iter().map(|f| f.reason.as_str()).collect();
     assert_eq!(
-        reasons,
+        reasons(&result),
         [
             "000000.png is missing; 0.JPG must be PNG or .npy",
             "000001.png is missing; 000001.exr must be PNG or .npy",
@@ -154,9 +158,8 @@ fn other_depths_and_orientations_are_failures() {
     turned.splice(33..33, chunk);
     fs::write(file(9), turned).unwrap();
     let result = bench.score().unwrap();
-    let reasons: Vec<_> = result.failures.iter().map(|f| f.reason.as_str()).collect();
     assert_eq!(
-        reasons,
+        reasons(&result),
         [
             "000004.png is Rgb16, expected 8-bit RGB",
             "000009.png asks by its EXIF orientation to be turned or mirrored"
@@ -251,11 +254,7 @@ fn arrays_that_are_no_images_are_failures() {
     fs::write(bench.at("input").join("000006.npy"), "no array").unwrap();
     write(7, &shape, &values(7, 1, |_, value| value));
     let result = bench.score().unwrap();
-    let reasons: Vec<&str> = result
-        .failures
-        .iter()
-        .map(|failure| failure.reason.as_str())
-        .collect();
+    let reasons = reasons(&result);
     let expected = [
         "000000.npy holds NaN in row 1, column 1".to_owned(),
         "000001.npy holds -inf in row 1, column 1".to_owned(),

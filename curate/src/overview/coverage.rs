@@ -29,7 +29,7 @@ pub(super) struct Band {
 pub(super) struct Coverage {
     /// Bands from the top to the bottom.
     pub(super) bands: [Band; BANDS],
-    /// Meaning of the directions; `None` where there are none to count.
+    /// Meaning of the directions; `None` without directions to count.
     pub(super) directions: Option<&'static str>,
     /// True where the sheet has masks.
     pub(super) has_masks: bool,

@@ -105,7 +105,7 @@ impl FrameList {
                  \"model\": \"pinhole\", width, height, fx, fy, cx and cy"
             )),
             (true, Some(camera @ Camera::Pinhole(_)), known) => {
-                // A row gained or lost by rounding is no other aspect ratio.
+                // A row gained or lost by rounding keeps the aspect ratio.
                 let rows =
                     f64::from(width) * f64::from(camera.height()) / f64::from(camera.width());
                 if (rows - f64::from(height)).abs() > 1.0 {

@@ -102,7 +102,7 @@ impl Lens {
         )
     }
 
-    /// Returns the place in an undistorted camera of a frame's pixel; NaN if there is none.
+    /// Returns the place in an undistorted camera of a frame's pixel; NaN without one.
     pub fn straightened(&self, straight: &PinholeCamera, pixel: DVec2) -> DVec2 {
         let place = self
             .distortion

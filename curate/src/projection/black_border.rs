@@ -66,7 +66,7 @@ impl Border {
         bottom: 0,
     };
 
-    /// Keeps the sides and rows that are wide enough to count; `None` if there are none.
+    /// Keeps the sides and rows that are wide enough to count; `None` without any.
     ///
     /// Black above or below alone stays: it may be a patch over a pole.
     fn of_some_width(mut self, image: &Rgb8Image) -> Option<Self> {

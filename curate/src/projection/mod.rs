@@ -332,7 +332,7 @@ const LOOK_AT_BORDERS: &[&str] = &[
     fisheye_circles::BLACK_AROUND.id,
 ];
 
-/// Maximum number of examined frames: a median over more is no better.
+/// Maximum number of examined frames: more do not improve a median.
 const MOST_SAMPLES: usize = 8;
 /// Factor over its limit from which on a value proves the opposite.
 const CLEARLY: f64 = 1.5;

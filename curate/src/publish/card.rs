@@ -10,10 +10,10 @@ use omnilife_schemas::{
 
 use super::{
     Release,
-    figures::FIGURES,
+    figures::{FIGURES, Figure},
     licence,
     statements::unstated,
-    statistics::{DISTRIBUTIONS, Statistics, duration_in_words},
+    statistics::{DISTRIBUTIONS, Statistics, duration_in_words, is_annotated},
 };
 
 /// Writes the card. Dataset hubs read the head between dashes.
@@ -303,10 +303,20 @@ fn line(text: &mut String, line: &str) {
 
 fn distributions(text: &mut String, statistics: &Statistics) {
     line(text, "## Statistics\n");
-    for figure in FIGURES {
+    let (drawn, missing): (Vec<&Figure>, Vec<&Figure>) = FIGURES
+        .iter()
+        .partition(|figure| is_annotated(&figure.tallies(statistics)));
+    for figure in drawn {
         line(
             text,
             &format!("![{}]({STATISTICS_FOLDER}/{})\n", figure.title, figure.file),
+        );
+    }
+    if !missing.is_empty() {
+        let names: Vec<&str> = missing.iter().map(|figure| figure.distribution).collect();
+        line(
+            text,
+            &format!("Not annotated in any sequence: {}.\n", names.join(", ")),
         );
     }
     line(

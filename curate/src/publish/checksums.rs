@@ -46,13 +46,13 @@ pub(super) fn read(folder: &Path) -> Result<BTreeMap<String, String>, StoreError
         .collect()
 }
 
-/// Returns true for an entry of a dataset's folder that is no part of a release: the page with its record, which names
+/// Returns true for an entry of a dataset's folder that a release leaves out: the page with its record, which names
 /// commands of this machine, and hidden ones.
 fn is_working_file(name: &str) -> bool {
     [PAGE_FILE, STATUS_FILE].contains(&name) || name.starts_with('.')
 }
 
-/// Returns the entries of a dataset's folder that are no part of a release.
+/// Returns the entries of a dataset's folder that a release leaves out.
 pub(super) fn working_files(folder: &Path) -> Result<Vec<String>, StoreError> {
     let mut names = store::names_in(folder)?;
     names.retain(|name| is_working_file(name));

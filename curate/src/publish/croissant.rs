@@ -30,7 +30,7 @@ pub(super) fn metadata(release: &Release<'_>) -> String {
         "description": format!("Curated {}", footage.words),
         "keywords": keywords,
         "rai:dataCollection": release.collection(),
-        "rai:dataCollectionMissingData": "classes that nobody annotated are given as \"not annotated\"; frames \
+        "rai:dataCollectionMissingData": "classes without annotation are given as \"not annotated\"; frames \
                                           without a pose are not in the record set of poses",
         "prov:wasGeneratedBy": activities
             .map(|label| json!({"@type": "prov:Activity", "prov:label": label}))

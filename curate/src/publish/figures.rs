@@ -3,7 +3,7 @@
 use omnilife_charts::Bar;
 use omnilife_schemas::plain_text::counted;
 
-use super::statistics::{DISTRIBUTIONS, Statistics, duration_in_words};
+use super::statistics::{DISTRIBUTIONS, Statistics, Tally, duration_in_words};
 use crate::error::CurateError;
 
 /// A figure.
@@ -51,16 +51,23 @@ pub(super) const FIGURES: &[Figure] = &[
     },
 ];
 
+impl Figure {
+    /// Returns the classes that it shows, the most frequent first.
+    pub(super) fn tallies(&self, statistics: &Statistics) -> Vec<(String, Tally)> {
+        DISTRIBUTIONS
+            .iter()
+            .find(|distribution| distribution.id == self.distribution)
+            .map(|distribution| statistics.tally(distribution))
+            .unwrap_or_default()
+    }
+}
+
 /// Draws a figure. Bars are shares of all sequences, so that figures can be compared.
 ///
 /// # Errors
 /// [`CurateError::Internal`] when the plotting library fails.
 pub(super) fn draw(figure: &Figure, statistics: &Statistics) -> Result<String, CurateError> {
-    let tallies = DISTRIBUTIONS
-        .iter()
-        .find(|distribution| distribution.id == figure.distribution)
-        .map(|distribution| statistics.tally(distribution))
-        .unwrap_or_default();
+    let tallies = figure.tallies(statistics);
     let total: usize = tallies.iter().map(|(_, tally)| tally.sequences).sum();
     let seconds: f64 = tallies.iter().map(|(_, tally)| tally.seconds).sum();
     let about = format!(

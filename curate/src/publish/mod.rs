@@ -52,7 +52,7 @@ use serde::Deserialize;
 pub use licence::licence;
 pub use selection::{SelectRequest, Selection, properties, select};
 pub use statistics::{SequenceRow, Statistics, Tally};
-pub(crate) use statistics::{optional, status_name};
+pub(crate) use statistics::{is_annotated, optional, status_name};
 pub use verify::verify;
 
 use crate::error::CurateError;
@@ -88,8 +88,8 @@ pub fn refuse_foreign(folder: &Path) -> Result<(), CurateError> {
     Ok(())
 }
 
-/// Returns the entries of a dataset's folder that are no part of a release and must be left out of an upload: the page
-/// with its record, and hidden ones. A release is what the checksums list.
+/// Returns the entries of a dataset's folder that must be left out of an upload: the page with its record, and hidden
+/// ones. A release is what the checksums list.
 ///
 /// # Errors
 /// When the folder cannot be listed.

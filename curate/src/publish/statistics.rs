@@ -137,6 +137,11 @@ fn duration_class(seconds: f64) -> &'static str {
     }
 }
 
+/// Returns true if a class of a distribution is annotated, or there are no sequences to annotate.
+pub(crate) fn is_annotated(tallies: &[(String, Tally)]) -> bool {
+    tallies.is_empty() || tallies.iter().any(|(class, _)| class != UNKNOWN)
+}
+
 #[derive(Serialize)]
 struct SummaryRow {
     measure: &'static str,

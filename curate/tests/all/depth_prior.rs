@@ -18,11 +18,15 @@ use omnilife_schemas::{
     testing::Notes,
 };
 use support::erp_clip;
+use tempfile::TempDir;
 
 use crate::support;
 
-/// A sequence with poses for all of its frames.
-fn sequence(folder: &Path) -> (PathBuf, PathBuf) {
+/// Returns a sequence in a temporary folder, the request for poses of all of its frames, and an empty folder for
+/// distances.
+fn sequence() -> (TempDir, PathBuf, PoseRequest, PathBuf) {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
     let video = erp_clip(folder, "walk.mp4", &[1], 12, 10);
     let settings = CurateSettings {
         enforce: false,
@@ -46,7 +50,9 @@ fn sequence(folder: &Path) -> (PathBuf, PathBuf) {
     );
     let path = folder.join("poses.json");
     store::write_record(&path, &poses).unwrap();
-    (folder.join("walk/seq-000"), path)
+    let (sequence, distances) = (folder.join("walk/seq-000"), folder.join("depth"));
+    fs::create_dir(&distances).unwrap();
+    (temp, sequence, PoseRequest::Given(path), distances)
 }
 
 fn prior(folder: &Path, grid: DistanceGrid) -> GivenTruth {
@@ -64,16 +70,12 @@ fn prior(folder: &Path, grid: DistanceGrid) -> GivenTruth {
 
 #[test]
 fn distances_are_brought_to_the_projects_grid_and_some_may_be_missing() {
-    let temp = tempfile::tempdir().unwrap();
-    let (sequence, poses) = sequence(temp.path());
-    let folder = temp.path().join("depth");
-    fs::create_dir(&folder).unwrap();
+    let (_temp, sequence, request, folder) = sequence();
     let ramp = |column: usize| 100.0 + column as f32;
     let values: Vec<f32> = (0..32 * 16).map(|at| ramp(at % 32)).collect();
     for frame in [0, 2] {
         npy::write_f32(&folder.join(format!("{frame:06}.npy")), &[16, 32], &values).unwrap();
     }
-    let request = PoseRequest::Given(poses);
     let notes = Notes::default();
     let pose = |grid| -> Scene {
         pose_sequence_with(&sequence, &request, &prior(&folder, grid), &notes).unwrap()
@@ -108,10 +110,7 @@ fn distances_are_brought_to_the_projects_grid_and_some_may_be_missing() {
 /// Programs write the largest value for the sky, where 0 is expected.
 #[test]
 fn distances_at_the_end_of_sixteen_bits_are_reported() {
-    let temp = tempfile::tempdir().unwrap();
-    let (sequence, poses) = sequence(temp.path());
-    let folder = temp.path().join("depth");
-    fs::create_dir(&folder).unwrap();
+    let (_temp, sequence, request, folder) = sequence();
     let write = |frame: u32, sky_rows: u32| {
         let image = ImageBuffer::from_fn(32, 16, |_, y| {
             Luma([if y < sky_rows { u16::MAX } else { 900 }])
@@ -119,7 +118,6 @@ fn distances_at_the_end_of_sixteen_bits_are_reported() {
         image.save(folder.join(format!("{frame:06}.png"))).unwrap();
     };
     (0..12).for_each(|frame| write(frame, 0));
-    let request = PoseRequest::Given(poses);
     let both = GivenTruth {
         depth: Some(GivenDepth {
             folder: folder.clone(),
@@ -149,11 +147,7 @@ fn distances_at_the_end_of_sixteen_bits_are_reported() {
 
 #[test]
 fn distances_that_cannot_be_used_are_refused_in_one_line_and_leave_nothing() {
-    let temp = tempfile::tempdir().unwrap();
-    let (sequence, poses) = sequence(temp.path());
-    let folder = temp.path().join("depth");
-    fs::create_dir(&folder).unwrap();
-    let request = PoseRequest::Given(poses);
+    let (_temp, sequence, request, folder) = sequence();
     let refusal = |given: &GivenTruth| {
         let refused = pose_sequence_with(&sequence, &request, given, &Silent);
         let message = refused.map(drop).unwrap_err().to_string();
@@ -199,6 +193,6 @@ fn distances_that_cannot_be_used_are_refused_in_one_line_and_leave_nothing() {
         prior.unit = 0.0;
     }
     assert!(refusal(&without_unit).contains("must be positive, got 0"));
-    let missing = prior(&temp.path().join("nowhere"), DistanceGrid::HalfPixel);
+    let missing = prior(&folder.join("nowhere"), DistanceGrid::HalfPixel);
     assert!(refusal(&missing).contains("nowhere"));
 }

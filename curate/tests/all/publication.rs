@@ -174,7 +174,34 @@ fn record_sets_are_those_of_the_tables() {
     assert_eq!(fs::read(out.join("SHA256SUMS")).unwrap(), sums);
 }
 
-/// A flight of a drone is no panorama, and the release of its frames claims none.
+/// Returns the number of a card's charts, and its lines on statistics without any class.
+fn charts(out: &Path) -> (usize, Vec<String>) {
+    let card = fs::read_to_string(out.join("README.md")).unwrap();
+    let missing = card
+        .lines()
+        .filter(|line| line.starts_with("Not annotated"));
+    let charts = card.lines().filter(|line| line.starts_with("!["));
+    (charts.count(), missing.map(str::to_owned).collect())
+}
+
+#[test]
+fn statistics_without_any_class_share_a_line_instead_of_charts() {
+    let (_folder, out) = dataset();
+    publish_with(&out, ABOUT, true).unwrap();
+    assert_eq!(charts(&out), (6, Vec::new()));
+
+    let (_folder, out) = dataset();
+    fs::remove_file(out.join("videos/walk/seq-000/annotation.json")).unwrap();
+    publish_with(&out, ABOUT, true).unwrap();
+    let (drawn, missing) = charts(&out);
+    assert_eq!((drawn, missing.len()), (1, 1));
+    for property in ["group", "scene", "action", "ego-motion", "dynamics"] {
+        assert!(missing[0].contains(property), "{property}: {missing:?}");
+    }
+    assert!(!missing[0].contains("duration"), "{missing:?}");
+}
+
+/// A flight of a drone is not panoramic, and the release of its frames does not claim it.
 #[test]
 fn the_card_of_perspective_video_claims_no_panoramas() {
     let (_folder, out) = dataset();

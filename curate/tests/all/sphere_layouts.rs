@@ -238,7 +238,7 @@ fn half_of_a_sphere_becomes_a_scene_that_ignores_the_rest() {
 }
 
 #[test]
-fn lenses_that_nobody_knows_are_found() {
+fn unknown_lenses_are_found() {
     let temp = tempfile::tempdir().unwrap();
     let erp = original(temp.path());
     let (truth, _) = frames(&erp, None, &Notes::default());

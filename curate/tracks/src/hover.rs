@@ -36,7 +36,7 @@ pub(super) fn static_points(
             Ok((points.map(DVec3::from_array).collect(), warnings))
         }
         None if is_hovering(scene, views) => {
-            let warning = "the camera hovers, and without parallax there is no ground: tracks are on a plane \
+            let warning = "the camera hovers over ground of unknown position: tracks are on a plane \
                            across the viewing direction, images are compared by homographies";
             Ok((plane_points(views), vec![warning.to_owned()]))
         }

@@ -287,7 +287,7 @@ const OF_VIEWS: &[Column] = &[
     }),
     Column::count(
         "third",
-        "1 to 3: the third of the time from the first scored view to the last one.",
+        "1 to 3: the third of the time from the first scored view to the last one; empty where all scored views have one time.",
         |row| view(row)?.third,
     ),
     Column::number(

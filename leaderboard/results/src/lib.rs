@@ -11,6 +11,7 @@ mod curve;
 mod error;
 mod filter;
 mod frame;
+mod notes;
 mod output;
 mod parquet_file;
 mod query;

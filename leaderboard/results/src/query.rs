@@ -14,10 +14,11 @@ use polars::prelude::{
 use rayon::prelude::*;
 
 use crate::{
-    columns::{Column, OF_DATASET, Table},
+    columns::Table,
     error::ResultsError,
     filter::{self, Filter},
     frame::{self, RESULT, Selected},
+    notes,
     rows::Loaded,
     source::{Source, scenes_of_other_regions},
 };
@@ -101,11 +102,12 @@ pub fn ask(query: &Query, sources: &[Source<'_>]) -> Result<Answer, ResultsError
     let mut notes = Vec::new();
     let mut wanted = complete(query, &by, sources, &mut notes);
     mark_other_regions(&mut wanted, &mut notes);
-    note_missing_facts(query, &by, &wanted, &mut notes);
+    notes.extend(notes::missing_facts(query, &by, &wanted));
     let plan = Plan::of(query, &by)?;
     let per_result = plan.per_result(query, &wanted, &mut notes)?;
     plan.refuse_unknown_metrics(query, &per_result)?;
     let answer = plan.answer(per_result, &directions(sources, &query.metrics))?;
+    notes.extend(notes::empty_cells(query.table, &plan.keys, &answer)?);
     Ok(Answer {
         columns: plan.columns(&answer)?,
         notes,
@@ -186,28 +188,6 @@ fn mark_other_regions(sources: &mut [Source<'_>], notes: &mut Vec<String>) {
         notes.push(format!(
             "static and dynamic scores of {} are left out: methods were scored with other tracks",
             plain_text::first_of(&scenes)
-        ));
-    }
-}
-
-/// Notes if a query uses columns of a dataset, and it has no facts for some results.
-fn note_missing_facts(
-    query: &Query,
-    by: &[Selected],
-    sources: &[Source<'_>],
-    notes: &mut Vec<String>,
-) {
-    let filters = query.filters.iter().map(|filter| filter.column);
-    let mut asked = by.iter().map(|selected| selected.column).chain(filters);
-    let without = sources
-        .iter()
-        .filter(|source| source.facts.is_none())
-        .count();
-    let is_of_dataset = |column: &Column| OF_DATASET.iter().any(|own| own.name == column.name);
-    if without > 0 && asked.any(is_of_dataset) {
-        let all = sources.len();
-        notes.push(format!(
-            "{without} of {all} results have scenes that no dataset tells anything of; --dataset names one"
         ));
     }
 }

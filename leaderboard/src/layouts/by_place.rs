@@ -133,8 +133,8 @@ impl<'a> PlaceMeans<'a> {
         }
     }
 
-    /// Returns the mean, and true if all scenes of the place are included. For several scenes there is none if a result
-    /// is not complete.
+    /// Returns the mean, and true if all scenes of the place are included; `None` for several scenes with an incomplete
+    /// result.
     fn mean(&self, method: &'a str, place: &'a str, metric: usize) -> Option<(f64, bool)> {
         let sum = self.sums.get(&(method, place))?;
         if !sum.complete && sum.scenes > 1 {
@@ -145,7 +145,7 @@ impl<'a> PlaceMeans<'a> {
     }
 
     /// Returns the mean over the columns of all places, as in the paper's averages, and true if each of them has all
-    /// its scenes. A place of many scenes has the same weight as any other. There is none if a result is not complete.
+    /// its scenes. A place of many scenes has the same weight as any other. `None` if a result is not complete.
     fn average(&self, method: &'a str, metric: usize) -> Option<(f64, bool)> {
         let column = |place: &&'a str| {
             let is_complete = self.sums.get(&(method, *place))?.complete;

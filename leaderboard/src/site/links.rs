@@ -13,8 +13,8 @@ const RUN_FILES: [(&str, &str); 2] = [
     ("Gaussians", "../run/gaussians.ply"),
 ];
 
-/// Links from pages to files of results. There are none unless both lie together: such a site is published elsewhere,
-/// and its links would be dead.
+/// Links from pages to files of results, given only where both lie together: any other site is published elsewhere, and
+/// its links would be dead.
 pub(super) struct Links {
     /// The searched folder of results, and its absolute path.
     results: Option<[PathBuf; 2]>,

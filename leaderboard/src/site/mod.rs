@@ -136,7 +136,7 @@ pub(crate) struct SiteRequest<'a> {
     pub(crate) views: usize,
     /// The program's own methods.
     pub(crate) descriptions: &'a [MethodDescription],
-    /// True if there is a Parquet table of the results; there is none where every run failed.
+    /// True if there is a Parquet table of the results: at least one run must have succeeded.
     pub(crate) has_values: bool,
     /// The footer of all pages, made by the first one: it examines every result.
     pub(crate) footer: OnceLock<String>,

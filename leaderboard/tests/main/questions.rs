@@ -166,6 +166,7 @@ fn views_are_asked_by_thirds_and_by_distance() {
     let thirds = ask(&place, "views", &["third"], &["view=novel"]);
     assert_eq!(numbers(&thirds, "third"), [Some(1.0), Some(2.0)]);
     assert_eq!(numbers(&thirds, "psnr"), [Some(25.0), Some(18.0)]);
+    assert_eq!(thirds.notes, [""; 0]);
     let steps = ask(&place, "views", &["distance-to-given:0.5"], &["view=novel"]);
     assert_eq!(numbers(&steps, "distance_to_given"), [Some(0.0), Some(0.5)]);
     assert_eq!(numbers(&steps, "psnr"), [Some(19.0), Some(30.0)]);
@@ -176,6 +177,17 @@ fn views_are_asked_by_thirds_and_by_distance() {
         &["distance_to_given<=0.3", "frame!=0,9"],
     );
     assert_eq!(numbers(&near, "psnr"), [Some(19.0)]);
+
+    // Views of one time have no third, and a note says so.
+    let at_once = FrameScores {
+        rows: vec![row(2, "novel", Some(30.0))],
+        ..scores
+    };
+    at_once.write(&folder.join("frames.csv")).unwrap();
+    let thirds = ask(&place, "views", &["third"], &["view=novel"]);
+    assert_eq!(numbers(&thirds, "third"), [None]);
+    assert_eq!(thirds.notes.len(), 1);
+    assert!(thirds.notes[0].starts_with("third is empty in 1 of 1 rows"));
 }
 
 #[test]

@@ -110,7 +110,7 @@ impl AtlasLearner {
     /// Moves its steps and images to the first GPU.
     ///
     /// # Errors
-    /// If there is none.
+    /// If no GPU answers.
     pub fn move_to_gpu(&mut self) -> Result<(), EngineError> {
         let room = [self.settings.rays, self.clip.frames.len()];
         self.device = Some(AtlasDevice::open(room)?);

@@ -17,7 +17,7 @@ const nearestFrame = (time) => {
   if (after < 0) return data.times.length - 1;
   return after > 0 && time - data.times[after - 1] <= data.times[after] - time ? after - 1 : after;
 };
-/** When a frame is no longer shown. */
+/** When a frame stops being shown. */
 const endOf = (frame) => data.times[frame + 1] ?? data.end_seconds;
 
 // Decisions outlive the page: browsers close, and an hour's work is lost.

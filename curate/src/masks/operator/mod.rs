@@ -1,8 +1,8 @@
 //! Operator, tripod, mount: content that stays in the camera's frame while the scene goes by.
 //!
-//! It is part of no scene, and its mask makes pixels ignored. The result is written as `operator/operator.json`, with
-//! the mask of all frames and an image to look at. On request, caps around the poles are looked for too (`caps`). Where
-//! the evidence is weak, a person has to decide by the image.
+//! It does not belong to the scene, and its mask makes pixels ignored. The result is written as
+//! `operator/operator.json`, with the mask of all frames and an image to look at. On request, caps around the poles are
+//! looked for too (`caps`). Where the evidence is weak, a person has to decide by the image.
 
 mod caps;
 mod evidence;
@@ -95,8 +95,8 @@ pub fn write_operator(
     let record = format!("{OPERATOR_FOLDER}/{OPERATOR_FILE}");
     let skipped = format!("{}: operator unchanged, skipped", sequence.id);
     plan.make((&record, &skipped), [&record], progress, |made| {
-        let verdict = judge(folder, &sequence, search, progress)?;
-        let files = match &verdict.region {
+        let result = judge(folder, &sequence, search, progress)?;
+        let files = match &result.region {
             Some(region) => Some(draw(folder, &sequence, region)?),
             None => None,
         };
@@ -111,16 +111,16 @@ pub fn write_operator(
         let named = |file: &str| files.as_ref().map(|_| file.to_owned());
         Ok::<_, CurateError>(Operator {
             sequence: sequence.id.clone(),
-            finding: verdict.finding,
-            reason: verdict.reason,
-            evidence: verdict.evidence,
+            finding: result.finding,
+            reason: result.reason,
+            evidence: result.evidence,
             share,
-            pairs: verdict.pairs as u32,
+            pairs: result.pairs as u32,
             settings: settings(search),
             reliability: reliability::of(ID, Target::Operator).text + caps_words(search),
             mask: named(MASK_FILE),
             image: named(IMAGE_FILE),
-            caps: verdict.caps,
+            caps: result.caps,
         })
     })
 }
@@ -358,17 +358,17 @@ mod tests {
     }
 
     #[test]
-    fn verdicts_follow_the_evidence() {
+    fn findings_follow_the_evidence() {
         let mask = |data: [u8; 2]| Mask::new(2, 1, data.to_vec());
-        let verdict = |evidence: f64, people: Option<Mask>| {
+        let judged = |evidence: f64, people: Option<Mask>| {
             let mask = mask([255, 0]);
             SearchResult::of(Some(Region { mask, evidence }), people, 9)
         };
-        assert_eq!(verdict(3.0, None).finding, OperatorFinding::Found);
-        let doubtful = verdict(1.0, None);
+        assert_eq!(judged(3.0, None).finding, OperatorFinding::Found);
+        let doubtful = judged(1.0, None);
         assert_eq!(doubtful.finding, OperatorFinding::Doubtful);
         assert!(doubtful.region.is_some());
-        let weak = verdict(0.2, None);
+        let weak = judged(0.2, None);
         assert_eq!(weak.finding, OperatorFinding::Nothing);
         assert!(weak.region.is_none() && weak.reason.contains("0.20"));
         assert_eq!(
@@ -377,12 +377,12 @@ mod tests {
         );
         // People alone are enough, and a weak outline is not part of their mask.
         let people = || Some(mask([0, 255]));
-        let marked = |verdict: SearchResult| verdict.region.map(|region| region.mask.data);
-        assert_eq!(verdict(0.2, people()).finding, OperatorFinding::Found);
-        assert_eq!(marked(verdict(0.2, people())), Some(vec![0, 255]));
-        assert_eq!(marked(verdict(3.0, people())), Some(vec![255, 255]));
-        let nobody = Some(mask([0, 0]));
-        assert_eq!(verdict(0.2, nobody).finding, OperatorFinding::Nothing);
+        let marked = |found: SearchResult| found.region.map(|region| region.mask.data);
+        assert_eq!(judged(0.2, people()).finding, OperatorFinding::Found);
+        assert_eq!(marked(judged(0.2, people())), Some(vec![0, 255]));
+        assert_eq!(marked(judged(3.0, people())), Some(vec![255, 255]));
+        let too_few = Some(mask([0, 0]));
+        assert_eq!(judged(0.2, too_few).finding, OperatorFinding::Nothing);
     }
 
     #[test]
@@ -404,30 +404,26 @@ mod tests {
                 data: data.to_vec(),
             },
         };
-        let verdict = |evidence: f64, caps: Vec<Cap>| {
+        let judged = |evidence: f64, caps: Vec<Cap>| {
             let mask = Mask {
                 width: 2,
                 height: 1,
                 data: vec![255, 0],
             };
-            let verdict =
-                SearchResult::of(Some(Region { mask, evidence }), None, 9).with_caps(caps);
-            assert_eq!(verdict.caps.len(), 1);
-            (
-                verdict.finding,
-                verdict.region.map(|region| region.mask.data),
-            )
+            let result = SearchResult::of(Some(Region { mask, evidence }), None, 9).with_caps(caps);
+            assert_eq!(result.caps.len(), 1);
+            (result.finding, result.region.map(|region| region.mask.data))
         };
         let (found, doubtful) = (OperatorFinding::Found, OperatorFinding::Doubtful);
         let low = [0, 255];
         // A region that is found keeps its mask, one that is doubtful or weak does not.
-        let entered = verdict(3.0, vec![cap(found, low)]);
+        let entered = judged(3.0, vec![cap(found, low)]);
         assert_eq!(entered, (found, Some(vec![255, 255])));
         for evidence in [1.0, 0.2] {
-            let entered = verdict(evidence, vec![cap(found, low)]);
+            let entered = judged(evidence, vec![cap(found, low)]);
             assert_eq!(entered, (found, Some(low.to_vec())));
         }
-        let asked = |evidence: f64| verdict(evidence, vec![cap(doubtful, low)]);
+        let asked = |evidence: f64| judged(evidence, vec![cap(doubtful, low)]);
         assert_eq!(asked(3.0), (found, Some(vec![255, 0])));
         assert_eq!(asked(1.0), (doubtful, Some(vec![255, 0])));
         assert_eq!(asked(0.2), (doubtful, Some(low.to_vec())));

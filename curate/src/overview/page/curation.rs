@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::{Bar, bars, counted, drawn, duration};
 use crate::{
     attrition::{Attrition, FunnelStep, Reject},
-    publish::{Statistics, Tally},
+    publish::{Statistics, Tally, is_annotated},
 };
 
 /// Largest number of rejects that are listed.
@@ -93,14 +93,21 @@ fn rejects(rejects: &[Reject]) -> Markup {
 /// Returns the number of sequences of every class of every property.
 pub(super) fn statistics(statistics: &Statistics) -> Markup {
     let all = statistics.rows.len();
+    let (shown, missing): (Vec<_>, Vec<_>) = statistics
+        .distributions()
+        .partition(|(_, tallies)| is_annotated(tallies));
+    let missing: Vec<&str> = missing.iter().map(|(property, _)| *property).collect();
     html! {
         h2 #statistics { "Statistics" }
         @if all == 0 { p { "No sequences." } }
         @else {
             div.figures {
-                @for (property, tallies) in statistics.distributions() {
+                @for (property, tallies) in shown {
                     (bars(property, &tallies.into_iter().map(bar).collect::<Vec<_>>()))
                 }
+            }
+            @if !missing.is_empty() {
+                p.hint { "Not annotated in any sequence: " (missing.join(", ")) "." }
             }
         }
     }

@@ -89,7 +89,7 @@ impl Projection {
         }
     }
 
-    /// Returns the place at depth 1 that is projected to a place; NaN if there is none.
+    /// Returns the place at depth 1 that is projected to a place; NaN without one.
     fn unproject(self, u: DVec2) -> DVec2 {
         let d = u.length();
         if d == 0.0 {

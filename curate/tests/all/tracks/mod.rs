@@ -258,7 +258,7 @@ fn a_world_of_unknown_scale_takes_that_of_its_vehicles() {
         ("scale", "vehicle-length")
     );
     assert!(stage.reason.contains("above it"), "{}", stage.reason);
-    // Without vehicles nobody knows.
+    // Without vehicles the scale is unknown.
     let error = make_tracks(&request(temp.path(), ""), &Silent).unwrap_err();
     assert_eq!(error.error_kind(), ErrorKind::User);
     let message = error.to_string();

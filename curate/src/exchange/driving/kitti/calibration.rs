@@ -35,7 +35,7 @@ pub(super) struct Projection {
 }
 
 impl Projection {
-    /// Reads the rows of its matrix; `None` where they are no such projection.
+    /// Reads the rows of its matrix; `None` for other matrices.
     fn from_rows(rows: [f64; 12]) -> Option<Self> {
         let [fx, skew, cx, a, zero_x, fy, cy, b, zero_u, zero_v, one, z] = rows;
         let is_plain = [skew, zero_x, zero_u, zero_v, one - 1.0] == [0.0; 5];

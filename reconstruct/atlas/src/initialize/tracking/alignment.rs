@@ -271,19 +271,28 @@ impl State {
         }
     }
 
-    /// Returns the points in view with their differences from the target.
+    /// Returns the points in view with their differences from the target, and what of these the change of brightness
+    /// leaves; `None` where too little is seen.
     fn differences<'a>(
         &self,
         template: &'a Template,
         target: &Patch,
-    ) -> Vec<(&'a TemplatePoint, f64)> {
+    ) -> Option<(Vec<(&'a TemplatePoint, f64)>, Vec<f64>)> {
         let points = template.points.iter();
-        points
+        let seen: Vec<(&TemplatePoint, f64)> = points
             .filter_map(|point| {
                 let seen = target.sample(self.motion.apply(point.place))?;
                 Some((point, seen - point.grey))
             })
-            .collect()
+            .collect();
+        if seen.len() < LEAST_POINTS {
+            return None;
+        }
+        let errors = seen
+            .iter()
+            .map(|&(point, difference)| self.error(point, difference))
+            .collect();
+        Some((seen, errors))
     }
 
     /// Returns what a difference leaves after the change of brightness.
@@ -295,14 +304,7 @@ impl State {
 /// Steps on one level until nothing moves; `None` where too little is seen or the texture does not tell.
 fn converged(template: &Template, target: &Patch, mut state: State) -> Option<State> {
     for _ in 0..STEPS {
-        let seen = state.differences(template, target);
-        if seen.len() < LEAST_POINTS {
-            return None;
-        }
-        let errors: Vec<f64> = seen
-            .iter()
-            .map(|&(point, difference)| state.error(point, difference))
-            .collect();
+        let (seen, errors) = state.differences(template, target)?;
         let sigma = template.sigma_of(&errors);
         let weights: Vec<f64> = errors
             .iter()
@@ -339,14 +341,7 @@ fn converged(template: &Template, target: &Patch, mut state: State) -> Option<St
 
 /// Judges a similarity; `None` where too little is seen.
 fn judged(template: &Template, target: &Patch, state: &State) -> Option<Aligned> {
-    let seen = state.differences(template, target);
-    if seen.len() < LEAST_POINTS {
-        return None;
-    }
-    let errors: Vec<f64> = seen
-        .iter()
-        .map(|&(point, difference)| state.error(point, difference))
-        .collect();
+    let (seen, errors) = state.differences(template, target)?;
     let limit = AGREEING * template.contrast / TUKEY;
     let agreement = errors
         .iter()

@@ -158,8 +158,8 @@ impl<'a> DenseSurfaces<'a> {
         known as f64 / pixels.max(1) as f64
     }
 
-    /// Returns, for each position, true if a view has a surface there: a Gaussian there shows nothing more. Input views
-    /// that are none of these may see a place behind the surfaces.
+    /// Returns, for each position, true if a view has a surface there: a Gaussian there shows nothing more. Other input
+    /// views may see a place behind the surfaces.
     pub fn cover(&self, positions: &[[f32; 3]]) -> Vec<bool> {
         let projectors = self.views.iter();
         let projectors: Vec<Projector> = projectors

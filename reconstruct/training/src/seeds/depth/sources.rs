@@ -101,7 +101,7 @@ pub fn of_scene(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
 /// sphere sweeps against the view before and the one after at the gap with most parallax that still matches.
 ///
 /// # Errors
-/// When a file is not usable or means other distances than its record says, the views are no panoramas, or all cameras
+/// When a file is not usable or means other distances than its record says, the views are not panoramas, or all cameras
 /// stand in one place.
 pub fn of_some(scene: &TrainingScene, most: usize) -> Result<Sources, ReconstructError> {
     let given = with_file(scene);
