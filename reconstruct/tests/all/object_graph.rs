@@ -224,7 +224,7 @@ fn without_anything_that_moves_the_method_is_the_static_one() {
 fn objects_leave_half_of_a_limit_to_what_does_not_move() {
     let scene = scene();
     let method = methods::find("object-graph").unwrap();
-    let begun = |limit: u64| {
+    let counts_under = |limit: u64| {
         let request = MethodRequest {
             options: Options::at_most(limit),
             ..MethodRequest::new(100, 3)
@@ -235,9 +235,9 @@ fn objects_leave_half_of_a_limit_to_what_does_not_move() {
         let counts = [0, 1].map(|part| model.parts[part].table.len());
         (counts, prepared.findings.warnings.len())
     };
-    let ([_, free], without) = begun(8_000);
+    let ([_, free], without) = counts_under(8_000);
     assert!(free > 600, "{free} Gaussians");
-    let ([still, moving], with) = begun(1_000);
+    let ([still, moving], with) = counts_under(1_000);
     assert!((32..=500).contains(&moving), "{moving} Gaussians");
     // With its points the scene fills the rest.
     assert_eq!(still + moving, 1_000);

@@ -50,7 +50,7 @@ pub(super) fn objects(scene: &TrainingScene, tracks: &Tracks, limit: u64) -> Fir
     let bound = most / tracks.tracks.len().max(1);
     let mut fewer = bounded(scene, tracks, bound.clamp(LEAST_BOUND, MOST));
     fewer.warnings.push(format!(
-        "objects begin with {} Gaussians instead of {wanted}: 1/{PART_OF_LIMIT} of the limit of {limit} is for them",
+        "objects start with {} Gaussians instead of {wanted}: 1/{PART_OF_LIMIT} of the limit of {limit} is for them",
         fewer.gaussians.len()
     ));
     fewer

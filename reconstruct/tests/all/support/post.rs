@@ -1,7 +1,7 @@
-//! A painted board that crosses behind a post without a mask, before a painted wall, in closed form.
+//! A painted panel that crosses behind a post without a mask, before a painted wall, in closed form.
 //!
-//! The camera moves by a quarter of a pixel. Masks are what is visible of the board: the post cuts a hole into them that
-//! stays where it is.
+//! The camera sways by a quarter of a pixel. Masks are what is visible of the panel: the post cuts a hole into them
+//! that stays where it is.
 
 use std::collections::BTreeMap;
 
@@ -20,18 +20,18 @@ const SIZE: [u32; 2] = [96, 48];
 const FOCAL: f64 = 64.0;
 /// Number of views, one a second.
 const VIEWS: u32 = 13;
-/// Distances of post, board and wall.
+/// Distances of post, panel and wall.
 const DEPTHS: [f64; 3] = [1.0, 2.0, 4.0];
 /// Half of the post's width at its distance: five pixels.
 const HALF_POST: f64 = 5.0 * DEPTHS[0] / FOCAL;
-/// Half of the board's sides at its distance: 15 and 12 pixels.
-const HALF_BOARD: DVec2 = dvec2(15.0 * DEPTHS[1] / FOCAL, 12.0 * DEPTHS[1] / FOCAL);
-/// Way of the board from view to view at its distance: five pixels.
+/// Half of the panel's sides at its distance: 15 and 12 pixels.
+const HALF_PANEL: DVec2 = dvec2(15.0 * DEPTHS[1] / FOCAL, 12.0 * DEPTHS[1] / FOCAL);
+/// Way of the panel from view to view at its distance: five pixels.
 const STEP: f64 = 5.0 * DEPTHS[1] / FOCAL;
 /// Greatest way of the camera from its mean.
 const SWAY: f64 = 0.004;
 
-/// Returns the scene; its one object is the board.
+/// Returns the scene; its one object is the panel.
 pub(crate) fn scene() -> TrainingScene {
     let middle = [0.5 * f64::from(SIZE[0]), 0.5 * f64::from(SIZE[1])];
     let camera: Camera = PinholeCamera::new(SIZE, [FOCAL; 2], middle).into();
@@ -41,14 +41,14 @@ pub(crate) fn scene() -> TrainingScene {
         // From -1 to 1.
         let share = 2.0 * f64::from(frame) / f64::from(VIEWS - 1) - 1.0;
         let centre = dvec3(SWAY * share, 0.0, 0.0);
-        let board = dvec2(0.5 * f64::from(VIEWS - 1) * STEP * share, 0.0);
+        let panel = dvec2(0.5 * f64::from(VIEWS - 1) * STEP * share, 0.0);
         let (mut pixels, mut mask) = (Vec::new(), Vec::new());
         for pixel in 0..SIZE[0] * SIZE[1] {
             let at = dvec2(f64::from(pixel % SIZE[0]), f64::from(pixel / SIZE[0])) + 0.5;
             let ray = camera.unproject(at);
-            let (levels, is_board) = seen(centre, ray / ray.z, board);
+            let (levels, is_panel) = seen(centre, ray / ray.z, panel);
             pixels.extend(levels.map(|level| level.round() as u8));
-            mask.push(if is_board { 255 } else { 0 });
+            mask.push(if is_panel { 255 } else { 0 });
         }
         masks.insert(frame, mask);
         let pose = Pose::new(DQuat::IDENTITY, centre);
@@ -62,17 +62,17 @@ pub(crate) fn scene() -> TrainingScene {
     });
     let mut scene = TrainingScene::new("post", camera, views.collect(), normalization);
     scene.points = wall_points();
-    scene.objects.insert("board".to_owned(), masks);
+    scene.objects.insert("panel".to_owned(), masks);
     scene
 }
 
-/// Returns the levels of a ray whose `z` is 1, and true if it meets the board, whose middle is at a place.
-fn seen(centre: DVec3, ray: DVec3, board: DVec2) -> ([f64; 3], bool) {
-    let [on_post, on_board, on_wall] = DEPTHS.map(|depth| (centre + depth * ray).truncate());
-    let own = on_board - board;
+/// Returns the levels of a ray whose `z` is 1, and true if it meets the panel, whose middle is at a place.
+fn seen(centre: DVec3, ray: DVec3, panel: DVec2) -> ([f64; 3], bool) {
+    let [on_post, on_panel, on_wall] = DEPTHS.map(|depth| (centre + depth * ray).truncate());
+    let own = on_panel - panel;
     if on_post.x.abs() < HALF_POST {
         ([50.0, 40.0, 30.0], false)
-    } else if own.abs().cmplt(HALF_BOARD).all() {
+    } else if own.abs().cmplt(HALF_PANEL).all() {
         (paint(own), true)
     } else {
         (wall(on_wall), false)
