@@ -268,8 +268,8 @@ fn every_optional_component_of_every_method_trains() {
     let scene = spoilt(moving_ball::scene());
     for method in METHODS {
         let with = method.optional_components;
-        // An object graph needs tracks, which `object_graph.rs` has. An atlas needs a thing before an object, which the
-        // tests of its crate have, and has no Gaussians.
+        // An object graph needs tracks, which `object_graph.rs` has. An atlas needs a thing before an object, which
+        // `neural_atlas.rs` has, and has no Gaussians.
         if with.is_empty() || ["object-graph", "nag"].contains(&method.id) {
             continue;
         }

@@ -18,15 +18,18 @@ use omnilife_reconstruct::{
         neural_atlas::{
             AtlasStart, begin,
             clip::{Clip, ClipFrame, UnitClock, camera_direction, pixel_centre},
+            front::FRONT,
             graph::Visibility,
             learner::AtlasLearner,
             saved,
         },
     },
     options::Options,
-    request::MethodRequest,
+    request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::camera::PinholeCamera;
+
+use crate::support::post;
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 96;
@@ -395,4 +398,20 @@ fn masks_that_leave_nothing_are_refused_and_empty_ones_have_a_reason() {
         "{}",
         line.reason
     );
+}
+
+#[test]
+fn a_post_without_a_mask_is_found_in_a_scene_on_request() {
+    let scene = post::scene();
+    let method = methods::find("nag").unwrap();
+    for is_asked_for in [false, true] {
+        let mut request = small_request();
+        if is_asked_for {
+            request.with.push(FRONT.to_owned());
+        }
+        let prepared = method.prepare(&scene, &request, BackendChoice::Cpu);
+        let plan = prepared.unwrap().findings.plan;
+        let decision = plan.iter().find(|line| line.component == FRONT).unwrap();
+        assert_eq!(decision.used, is_asked_for, "{plan:?}");
+    }
 }

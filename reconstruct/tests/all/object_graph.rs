@@ -6,6 +6,7 @@ use omnilife_engine::model::{
 };
 use omnilife_reconstruct::{
     methods::{self, MethodOutcome, Prepared},
+    options::Options,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::Session,
@@ -217,6 +218,30 @@ fn without_anything_that_moves_the_method_is_the_static_one() {
         .prepare(&untracked, &request, BackendChoice::Cpu)
         .map(drop);
     assert!(refused.unwrap_err().to_string().contains("curate tracks"));
+}
+
+#[test]
+fn objects_leave_half_of_a_limit_to_what_does_not_move() {
+    let scene = scene();
+    let method = methods::find("object-graph").unwrap();
+    let counts_under = |limit: u64| {
+        let request = MethodRequest {
+            options: Options::at_most(limit),
+            ..MethodRequest::new(100, 3)
+        };
+        let prepared = method.prepare(&scene, &request, BackendChoice::Cpu);
+        let mut prepared = prepared.unwrap();
+        let model = prepared.learner.gaussians().unwrap().unwrap();
+        let counts = [0, 1].map(|part| model.parts[part].table.len());
+        (counts, prepared.findings.warnings.len())
+    };
+    let ([_, free], without) = counts_under(8_000);
+    assert!(free > 600, "{free} Gaussians");
+    let ([still, moving], with) = counts_under(1_000);
+    assert!((32..=500).contains(&moving), "{moving} Gaussians");
+    // With its points the scene fills the rest.
+    assert_eq!(still + moving, 1_000);
+    assert_eq!(with, without + 1);
 }
 
 #[test]

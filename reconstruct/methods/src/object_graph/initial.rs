@@ -20,6 +20,10 @@ const VIEWS: usize = 8;
 const MOST: usize = 2_000;
 /// Below this many, Gaussians are spread evenly in the box instead (4DGF).
 const LEAST: usize = 32;
+/// Inverse of the objects' maximum share of all Gaussians: the rest is for what does not move.
+const PART_OF_LIMIT: u64 = 2;
+/// An object's bound is at least this, so that what regular steps over its pixels leave is rarely below [`LEAST`].
+const LEAST_BOUND: usize = 4 * LEAST;
 /// First opacity.
 const OPACITY: f32 = 0.5;
 /// Seconds from one knot of pose corrections to the next.
@@ -35,12 +39,29 @@ pub(super) struct FirstObjects {
     pub(super) warnings: Vec<String>,
 }
 
-/// Returns the objects of a scene's tracks.
-pub(super) fn objects(scene: &TrainingScene, tracks: &Tracks) -> FirstObjects {
+/// Returns the objects of a scene's tracks. Where their Gaussians would be more than half of the limit on all, each
+/// object gets fewer and larger ones, for about that half together, with a warning.
+pub(super) fn objects(scene: &TrainingScene, tracks: &Tracks, limit: u64) -> FirstObjects {
+    let first = bounded(scene, tracks, MOST);
+    let (wanted, most) = (first.gaussians.len(), (limit / PART_OF_LIMIT) as usize);
+    if wanted <= most {
+        return first;
+    }
+    let bound = most / tracks.tracks.len().max(1);
+    let mut fewer = bounded(scene, tracks, bound.clamp(LEAST_BOUND, MOST));
+    fewer.warnings.push(format!(
+        "objects start with {} Gaussians instead of {wanted}: 1/{PART_OF_LIMIT} of the limit of {limit} is for them",
+        fewer.gaussians.len()
+    ));
+    fewer
+}
+
+/// Returns the objects of a scene's tracks with about `most` Gaussians each, or fewer.
+fn bounded(scene: &TrainingScene, tracks: &Tracks, most: usize) -> FirstObjects {
     let mut first = FirstObjects::default();
     for track in &tracks.tracks {
         let object = tracked_object(scene, track, DVec3::from_array(tracks.up));
-        let (mut gaussians, views) = seen(scene, &object);
+        let (mut gaussians, views) = seen(scene, &object, most);
         if views == 0 {
             first.warnings.push(format!(
                 "object {} is in no input view and is left out",
@@ -50,7 +71,7 @@ pub(super) fn objects(scene: &TrainingScene, tracks: &Tracks) -> FirstObjects {
         }
         if gaussians.len() < LEAST {
             first.warnings.push(format!(
-                "object {} is seen in {} pixels: its Gaussians are spread evenly in its box",
+                "object {} is seen in {} sampled pixels: its Gaussians are spread evenly in its box",
                 object.id,
                 gaussians.len()
             ));
@@ -88,8 +109,9 @@ pub(super) fn tracked_object(scene: &TrainingScene, track: &Track, up: DVec3) ->
     }
 }
 
-/// Returns Gaussians where pixels see an object's box, in its coordinates, and the number of views that see it.
-fn seen(scene: &TrainingScene, object: &TrackedObject) -> (InitialGaussians, usize) {
+/// Returns about `most` Gaussians, or fewer, where pixels see an object's box, in its coordinates, and the number of
+/// views that see it.
+fn seen(scene: &TrainingScene, object: &TrackedObject, most: usize) -> (InitialGaussians, usize) {
     let corrections = vec![0.0; object.path.correction_len()];
     let mut sightings: Vec<(&TrainingView, RigidPose, [usize; 4])> = scene
         .input_views
@@ -106,7 +128,7 @@ fn seen(scene: &TrainingScene, object: &TrackedObject) -> (InitialGaussians, usi
     let width = scene.camera.width() as usize;
     for (view, pose, range) in &sightings {
         let [left, top, right, bottom] = *range;
-        let of_view = MOST / sightings.len().max(1);
+        let of_view = most / sightings.len().max(1);
         let step = ((area(range) as f64 / of_view as f64).sqrt().ceil() as usize).max(1);
         for row in (top..bottom).step_by(step) {
             for column in (left..right).step_by(step) {

@@ -184,7 +184,8 @@ fn prepare(
             .unless(draft.missing(OBJECT_GRAPH)),
     );
     let objects = if uses_objects {
-        initial::objects(scene, tracks)
+        let limit = draft.settings.densify.maximum_gaussians;
+        initial::objects(scene, tracks, limit)
     } else {
         initial::FirstObjects::default()
     };

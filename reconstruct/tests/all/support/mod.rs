@@ -10,6 +10,7 @@ pub(crate) mod held_camera;
 pub(crate) mod moving_ball;
 pub(crate) mod novel_views;
 pub(crate) mod painted_room;
+pub(crate) mod post;
 pub(crate) mod random_models;
 pub(crate) mod same_gaussians;
 pub(crate) mod scenes;
