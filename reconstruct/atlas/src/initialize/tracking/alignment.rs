@@ -254,6 +254,14 @@ pub fn aligned(
     judged(&template[0], &target[0], &state)
 }
 
+/// Points of a template that a patch has in view.
+struct Differences<'a> {
+    /// Each with its difference from the target.
+    seen: Vec<(&'a TemplatePoint, f64)>,
+    /// The differences without the change of brightness.
+    errors: Vec<f64>,
+}
+
 /// Similarity and brightness so far.
 #[derive(Debug, Clone, Copy)]
 struct State {
@@ -271,13 +279,8 @@ impl State {
         }
     }
 
-    /// Returns the points in view with their differences from the target, and what of these the change of brightness
-    /// leaves; `None` where too little is seen.
-    fn differences<'a>(
-        &self,
-        template: &'a Template,
-        target: &Patch,
-    ) -> Option<(Vec<(&'a TemplatePoint, f64)>, Vec<f64>)> {
+    /// Returns the points in view; `None` where too little is seen.
+    fn differences<'a>(&self, template: &'a Template, target: &Patch) -> Option<Differences<'a>> {
         let points = template.points.iter();
         let seen: Vec<(&TemplatePoint, f64)> = points
             .filter_map(|point| {
@@ -292,7 +295,7 @@ impl State {
             .iter()
             .map(|&(point, difference)| self.error(point, difference))
             .collect();
-        Some((seen, errors))
+        Some(Differences { seen, errors })
     }
 
     /// Returns what a difference leaves after the change of brightness.
@@ -304,7 +307,7 @@ impl State {
 /// Steps on one level until nothing moves; `None` where too little is seen or the texture does not tell.
 fn converged(template: &Template, target: &Patch, mut state: State) -> Option<State> {
     for _ in 0..STEPS {
-        let (seen, errors) = state.differences(template, target)?;
+        let Differences { seen, errors } = state.differences(template, target)?;
         let sigma = template.sigma_of(&errors);
         let weights: Vec<f64> = errors
             .iter()
@@ -341,7 +344,7 @@ fn converged(template: &Template, target: &Patch, mut state: State) -> Option<St
 
 /// Judges a similarity; `None` where too little is seen.
 fn judged(template: &Template, target: &Patch, state: &State) -> Option<Aligned> {
-    let (seen, errors) = state.differences(template, target)?;
+    let Differences { seen, errors } = state.differences(template, target)?;
     let limit = AGREEING * template.contrast / TUKEY;
     let agreement = errors
         .iter()
