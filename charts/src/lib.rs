@@ -1,7 +1,7 @@
 //! Charts as SVG, drawn by plotters.
 //!
 //! ```text
-//! lines  curves over logarithmic axes, with a legend: a whole plot
+//! lines  curves over logarithmic axes, with a legend below: a whole plot
 //! axes   axes alone, and positions of curves that a page draws on them itself
 //! bars   shares of a total, with labels: a whole plot
 //! ```
@@ -21,9 +21,9 @@ pub use axes::{Axes, Curve, PlacedCurve, axes};
 pub use bars::{Bar, bars};
 pub use lines::{Series, decades_of, log_log, over_log_x};
 
-/// Width and height of a chart of lines in its own units.
+/// Width and height of a chart of lines in its own units, without its legend.
 pub const SIZE: (u32, u32) = (760, 420);
-/// Width and height of a chart of lines for a phone, whose texts are as large as those of [`SIZE`].
+/// Width and height of a chart of lines for a phone, whose texts are as large as those of [`SIZE`]; without its legend.
 pub const NARROW_SIZE: (u32, u32) = (380, 420);
 
 /// Error of a chart that could not be drawn: one line.

@@ -1,10 +1,13 @@
-//! Lines over logarithmic axes, with a legend where it hides the fewest points.
+//! Lines over logarithmic axes, with a legend below them.
 
 use std::ops::Range;
 
-use plotters::prelude::*;
+use plotters::{
+    prelude::*,
+    style::text_anchor::{HPos, Pos, VPos},
+};
 
-use crate::{ChartError, DrawingError, Titles, svg};
+use crate::{Area, ChartError, DrawingError, Titles, svg};
 
 /// Colours of series in turn; they can be told apart without seeing red and green.
 const COLOURS: [RGBColor; 7] = [
@@ -17,30 +20,31 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(60, 60, 60),
 ];
 
-/// Draws series and the legend.
+// Lengths in units of the chart.
+const MARGIN: u32 = 10;
+const RIGHT_MARGIN: u32 = 24;
+const Y_LABELS_WIDTH: u32 = 62;
+const LEGEND_LINE: u32 = 18;
+/// Width of a dash of a series' colour with the space before the name.
+const KEY_WIDTH: u32 = 26;
+const DASH_WIDTH: i32 = 18;
+/// Space between a name and the next dash.
+const NAME_GAP: u32 = 16;
+/// Width of a letter of a name in a wide font.
+const LETTER_WIDTH: u32 = 6;
+
+/// Draws series.
 macro_rules! lines {
-    ($chart:ident, $series:ident, $legend:expr) => {
+    ($chart:ident, $series:ident) => {
         for (index, series) in $series.iter().enumerate() {
             let colour = COLOURS[index % COLOURS.len()];
-            $chart
-                .draw_series(LineSeries::new(
-                    series.points.iter().copied(),
-                    colour.stroke_width(2),
-                ))?
-                .label(series.name.as_str())
-                .legend(move |(x, y)| {
-                    PathElement::new(vec![(x, y), (x + 18, y)], colour.stroke_width(2))
-                });
+            $chart.draw_series(LineSeries::new(
+                series.points.iter().copied(),
+                colour.stroke_width(2),
+            ))?;
             let circle = |&point: &(f64, f64)| Circle::new(point, 3, colour.filled());
             $chart.draw_series(series.points.iter().map(circle))?;
         }
-        $chart
-            .configure_series_labels()
-            .position($legend)
-            .background_style(WHITE.mix(0.8))
-            .border_style(BLACK.mix(0.3))
-            .label_font(("sans-serif", 13))
-            .draw()?;
     };
 }
 
@@ -53,7 +57,8 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
 }
 
-/// Draws lines over a logarithmic x axis, with `y` on a linear one, on a chart of this width and height.
+/// Draws lines over a logarithmic x axis, with `y` on a linear one, on a chart of this width and height and a legend
+/// below it.
 ///
 /// # Errors
 /// When no series has a point, or the plotting library fails.
@@ -67,9 +72,6 @@ pub fn over_log_x(
     let margin = (0.08 * (y.end - y.start)).max(0.25);
     draw(size, caption, series, |builder| {
         let (x, y) = (decades(&x), y.start - margin..y.end + margin);
-        let legend = emptiest_corner(series, |point| {
-            [share_of_decades(point.0, &x), share(point.1, &y)]
-        });
         let mut chart = builder.build_cartesian_2d(x.log_scale(), y)?;
         mesh!(
             chart,
@@ -78,12 +80,13 @@ pub fn over_log_x(
             |value: &f64| short(*value),
             |value: &f64| format!("{value:.1}")
         );
-        lines!(chart, series, legend);
+        lines!(chart, series);
         Ok(())
     })
 }
 
-/// Draws lines over a logarithmic x axis, with `y` on another one, on a chart of this width and height.
+/// Draws lines over a logarithmic x axis, with `y` on another one, on a chart of this width and height and a legend
+/// below it.
 ///
 /// # Errors
 /// When no series has a point, or the plotting library fails.
@@ -96,9 +99,6 @@ pub fn log_log(
     let (x, y) = ranges(series);
     draw(size, caption, series, |builder| {
         let (x, y) = (decades(&x), decades(&y));
-        let legend = emptiest_corner(series, |point| {
-            [share_of_decades(point.0, &x), share_of_decades(point.1, &y)]
-        });
         let mut chart = builder.build_cartesian_2d(x.log_scale(), y.log_scale())?;
         mesh!(
             chart,
@@ -107,7 +107,7 @@ pub fn log_log(
             |value: &f64| short(*value),
             |value: &f64| format!("{value:.0e}")
         );
-        lines!(chart, series, legend);
+        lines!(chart, series);
         Ok(())
     })
 }
@@ -123,17 +123,62 @@ fn draw(
             "a plot must have something to draw, got no values".to_owned(),
         ));
     }
-    svg(size, |area| {
+    let (width, height) = size;
+    let places = legend_places(width, series);
+    svg((width, height + legend_height(&places)), |area| {
         area.fill(&WHITE)?;
-        let mut builder = ChartBuilder::on(area);
+        let (plot, below) = area.split_vertically(height);
+        let mut builder = ChartBuilder::on(&plot);
         builder
             .caption(caption, ("sans-serif", 17))
-            .margin(10)
-            .margin_right(24)
+            .margin(MARGIN)
+            .margin_right(RIGHT_MARGIN)
             .x_label_area_size(46)
-            .y_label_area_size(62);
-        body(&mut builder)
+            .y_label_area_size(Y_LABELS_WIDTH);
+        body(&mut builder)?;
+        draw_legend(&below, series, &places)
     })
+}
+
+/// Returns the place of each series in the legend, from the left and below the axes; a line holds as many as fit.
+fn legend_places(width: u32, series: &[Series]) -> Vec<(u32, u32)> {
+    let left = MARGIN + Y_LABELS_WIDTH;
+    let (mut x, mut y) = (left, LEGEND_LINE / 2);
+    let mut places = Vec::new();
+    for series in series {
+        let taken = KEY_WIDTH + LETTER_WIDTH * series.name.chars().count() as u32;
+        if x > left && x + taken + RIGHT_MARGIN > width {
+            (x, y) = (left, y + LEGEND_LINE);
+        }
+        places.push((x, y));
+        x += taken + NAME_GAP;
+    }
+    places
+}
+
+/// Returns the height of a legend with space below it.
+fn legend_height(places: &[(u32, u32)]) -> u32 {
+    places.last().map_or(0, |&(_, y)| y + LEGEND_LINE)
+}
+
+/// Draws the names of series, each right of a dash of its colour.
+fn draw_legend(
+    area: &Area<'_>,
+    series: &[Series],
+    places: &[(u32, u32)],
+) -> Result<(), DrawingError> {
+    let style = ("sans-serif", 13)
+        .into_text_style(area)
+        .pos(Pos::new(HPos::Left, VPos::Center));
+    for (index, (series, &(x, y))) in series.iter().zip(places).enumerate() {
+        let colour = COLOURS[index % COLOURS.len()];
+        let (left, y) = (x as i32, y as i32);
+        let dash = vec![(left, y), (left + DASH_WIDTH, y)];
+        area.draw(&PathElement::new(dash, colour.stroke_width(2)))?;
+        let begin = (left + KEY_WIDTH as i32, y);
+        area.draw(&Text::new(series.name.clone(), begin, style.clone()))?;
+    }
+    Ok(())
 }
 
 /// Returns the ranges of both coordinates over all series.
@@ -148,49 +193,6 @@ fn ranges(series: &[Series]) -> (Range<f64>, Range<f64>) {
         range(points().map(|point| point.0).collect()),
         range(points().map(|point| point.1).collect()),
     )
-}
-
-/// Share of a chart's width and of its height that a legend may take.
-const LEGEND_SHARE: [f64; 2] = [0.45, 0.35];
-
-/// Returns the corner in which a legend hides the fewest points; `place` gives a point's shares of the chart's width,
-/// from the left, and of its height, from below.
-fn emptiest_corner(
-    series: &[Series],
-    place: impl Fn((f64, f64)) -> [f64; 2],
-) -> SeriesLabelPosition {
-    use SeriesLabelPosition::{LowerLeft, LowerRight, UpperLeft, UpperRight};
-    let places: Vec<[f64; 2]> = series
-        .iter()
-        .flat_map(|series| series.points.iter().map(|&point| place(point)))
-        .collect();
-    let hidden = |is_right: bool, is_upper: bool| {
-        let from = |share: f64, is_far: bool| if is_far { 1.0 - share } else { share };
-        let is_hidden = |&&[x, y]: &&[f64; 2]| {
-            from(x, is_right) < LEGEND_SHARE[0] && from(y, is_upper) < LEGEND_SHARE[1]
-        };
-        places.iter().filter(is_hidden).count()
-    };
-    // Takes the first of equally empty ones.
-    let mut corners = [
-        (hidden(true, false), LowerRight),
-        (hidden(false, true), UpperLeft),
-        (hidden(true, true), UpperRight),
-        (hidden(false, false), LowerLeft),
-    ];
-    corners.sort_by_key(|&(hidden, _)| hidden);
-    let [(_, corner), ..] = corners;
-    corner
-}
-
-/// Returns the position of a value in a range, 0 at its start and 1 at its end.
-fn share(value: f64, range: &Range<f64>) -> f64 {
-    (value - range.start) / (range.end - range.start)
-}
-
-/// Returns the position of a value in a range on a logarithmic axis.
-fn share_of_decades(value: f64, range: &Range<f64>) -> f64 {
-    share(value.log10(), &(range.start.log10()..range.end.log10()))
 }
 
 /// Returns the whole decades around a range of positive numbers.
@@ -227,30 +229,48 @@ fn short(value: f64) -> String {
 mod tests {
     use super::*;
 
+    fn number_after(text: &str, key: &str) -> u32 {
+        let (_, rest) = text.split_once(key).expect("the attribute");
+        let (number, _) = rest.split_once('"').expect("its end");
+        number.parse().expect("a number")
+    }
+
     #[test]
-    fn the_legend_lies_where_no_point_is() {
-        let corner = |points: &[(f64, f64)]| {
-            let series = [Series {
-                name: "a".to_owned(),
-                points: points.to_vec(),
-            }];
-            emptiest_corner(&series, |(x, y)| [x, y])
-        };
-        assert_eq!(corner(&[(0.5, 0.5)]), SeriesLabelPosition::LowerRight);
-        assert_eq!(
-            corner(&[(0.9, 0.1), (0.9, 0.9)]),
-            SeriesLabelPosition::UpperLeft
-        );
-        assert_eq!(
-            corner(&[(0.9, 0.1), (0.1, 0.9)]),
-            SeriesLabelPosition::UpperRight
-        );
-        assert_eq!(
-            corner(&[(0.9, 0.1), (0.1, 0.9), (0.9, 0.8)]),
-            SeriesLabelPosition::LowerLeft
-        );
-        let decades = 10.0..1000.0;
-        assert!((share_of_decades(100.0, &decades) - 0.5).abs() < 1e-12);
-        assert_eq!(share(30.0, &(20.0..40.0)), 0.5);
+    fn a_legend_lies_below_the_axes_on_as_many_lines_as_it_needs() {
+        let long = "l".repeat(40);
+        let names = ["one", "two", long.as_str(), "four"];
+        let series = names.map(|name| Series {
+            name: name.to_owned(),
+            points: vec![(1.0, 2.0), (20.0, 3.0), (99.0, 2.0)],
+        });
+        let places = legend_places(380, &series);
+        let lines: Vec<u32> = places.iter().map(|&(_, y)| y / LEGEND_LINE).collect();
+        assert_eq!(lines, [0, 0, 1, 2]);
+        assert!(places[1].0 > places[0].0 + KEY_WIDTH + 3 * LETTER_WIDTH);
+        assert_eq!((places[2].0, places[3].0), (places[0].0, places[0].0));
+        // A name that no line can hold has one of its own, too.
+        let wide = legend_places(150, &series);
+        let lines: Vec<u32> = wide.iter().map(|&(_, y)| y / LEGEND_LINE).collect();
+        assert_eq!(lines, [0, 1, 2, 3]);
+
+        let titles = Titles { x: "x", y: "y" };
+        let drawings = [
+            over_log_x((380, 420), "lines", &titles, &series),
+            log_log((380, 420), "lines", &titles, &series),
+        ];
+        for drawing in drawings {
+            let text = drawing.expect("drawn");
+            let height = number_after(&text, " height=\"");
+            assert_eq!(height, 420 + legend_height(&places));
+            let points: Vec<&str> = text.split("<circle").skip(1).collect();
+            assert_eq!(points.len(), 12);
+            assert!(points.iter().all(|of| number_after(of, "cy=\"") < 420));
+            for name in names {
+                let ends = format!("\n{name}\n");
+                let of = text.split("<text").find(|of| of.contains(&ends));
+                let y = number_after(of.expect("the name"), " y=\"");
+                assert!((421..height).contains(&y), "{name}: {y}");
+            }
+        }
     }
 }

@@ -172,8 +172,8 @@ fn drawn(
                 @if has(&|series| series.level.is_some()) {
                     "Dashed levels: methods that learn nothing of a scene. "
                 }
-                "Ringed: no other method of its class ends both sooner and better. On whatever machine each was \
-                 trained on."
+                "Ringed: no other method of its class ends both sooner and better. Times are of the machine that \
+                 each method was trained on."
                 (left_out)
             }
         }
