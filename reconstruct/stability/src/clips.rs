@@ -6,11 +6,11 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    devices::DeviceKind,
+    devices::{Device, DeviceKind},
     special::{CaseResult, HostOnly, Runs, SpecialCase},
 };
 use omnilife_engine::{camera::View, model::Part, training_view::TrainingView};
-use omnilife_methods::{odgs, omni4dgs, omni4dgs_plus, periodic};
+use omnilife_methods::{deformable, odgs, omni4dgs, omni4dgs_plus, periodic};
 use omnilife_reconstruct::registry::METHODS;
 use omnilife_training::{
     components::MotionEvidenceUse,
@@ -30,38 +30,38 @@ pub(super) const CASES: &[SpecialCase] = &[
         id: "masks-empty",
         title: "training with masks in which nothing is marked",
         runs: Runs::OnBoth,
-        judge: |device| train_all(device.kind(), |scene| fill_masks(scene, 0)),
+        judge: |device| train_all(device, |scene| fill_masks(scene, 0)),
     },
     SpecialCase {
         id: "masks-full",
         title: "training with masks in which everything is marked",
         runs: Runs::OnBoth,
-        judge: |device| train_all(device.kind(), |scene| fill_masks(scene, 255)),
+        judge: |device| train_all(device, |scene| fill_masks(scene, 255)),
     },
     SpecialCase {
         id: "one-frame",
         title: "training on one frame",
         runs: Runs::OnBoth,
-        judge: |device| train_all(device.kind(), |scene| scene.input_views.truncate(1)),
+        judge: |device| train_all(device, |scene| scene.input_views.truncate(1)),
     },
     SpecialCase {
         id: "two-frames",
         title: "training on two frames",
         runs: Runs::OnBoth,
-        judge: |device| train_all(device.kind(), |scene| scene.input_views.truncate(2)),
+        judge: |device| train_all(device, |scene| scene.input_views.truncate(2)),
     },
     SpecialCase {
         id: "frames-10000",
         title: "training on a clip of 10,000 frames, eleven days into the recording",
         runs: Runs::OnBoth,
-        judge: |device| train_all(device.kind(), lengthen),
+        judge: |device| train_all(device, lengthen),
     },
     SpecialCase {
         id: "dynamic-set-empty",
         title: "training where no Gaussian is dynamic: lifespans longer than the cycle, no masks marked",
         runs: Runs::OnBoth,
         judge: |device| {
-            train_all(device.kind(), |scene| {
+            train_all(device, |scene| {
                 lengthen(scene);
                 fill_masks(scene, 0);
             })
@@ -293,7 +293,8 @@ fn train_long() -> CaseResult {
 }
 
 /// Trains every method, with all components, and on the CPU with those of its plan too.
-fn train_all(kind: DeviceKind, change: impl Fn(&mut TrainingScene)) -> CaseResult {
+fn train_all(device: &Device, change: impl Fn(&mut TrainingScene)) -> CaseResult {
+    let kind = device.kind();
     let Some(mut scene) = scene() else {
         return CaseResult::failed("the scene has a camera without a place");
     };
@@ -303,19 +304,31 @@ fn train_all(kind: DeviceKind, change: impl Fn(&mut TrainingScene)) -> CaseResul
         DeviceKind::Cpu => (vec![PlanChoice::Full, PlanChoice::Auto], ""),
         DeviceKind::Gpu => (vec![PlanChoice::Full], " with the whole plan"),
     };
-    let faults: Vec<String> = methods_of_time(kind)
+    let (methods, left_out) = methods_of_time(device);
+    let faults: Vec<String> = methods
+        .iter()
         .flat_map(|method| plans.iter().map(move |plan| (method, plan)))
         .filter_map(|(method, plan)| {
             let fault = fault_of(kind, &scene, method, plan.clone())?;
             Some(format!("{}: {fault}", method.id))
         })
         .collect();
-    let ids: Vec<&str> = methods_of_time(kind).map(|method| method.id).collect();
+    let ids = |methods: &[&Method]| {
+        let ids: Vec<&str> = methods.iter().map(|method| method.id).collect();
+        ids.join(", ")
+    };
+    let without = match &left_out[..] {
+        [] => String::new(),
+        left_out => format!(
+            "; without {}, of which a software device takes many seconds a step",
+            ids(left_out)
+        ),
+    };
     CaseResult {
         action: format!(
             "{} trained for {ITERATIONS} steps each{of_plans}: losses and parameters finite, no gradient \
-             refused, lifespans within bounds",
-            ids.join(", ")
+             refused, lifespans within bounds{without}",
+            ids(&methods)
         ),
         fault: (!faults.is_empty()).then(|| faults.join("; ")),
         measured: None,
@@ -329,11 +342,17 @@ fn session(kind: DeviceKind) -> Session<'static> {
     }
 }
 
-/// Returns the methods whose Gaussians change with time and that a device trains.
-fn methods_of_time(kind: DeviceKind) -> impl Iterator<Item = &'static Method> {
+/// Returns the methods whose Gaussians change with time and that a device trains, and those that a software device
+/// leaves out: their networks, which have rows of their own, take it many seconds a step.
+fn methods_of_time(device: &Device) -> (Vec<&'static Method>, Vec<&'static Method>) {
+    let backend = device.kind().backend();
+    let is_software = device
+        .gpu()
+        .is_some_and(|gpu| gpu.adapter().kind.is_software());
     let knows_time = |method: &&Method| method.motion() == MotionEvidenceUse::Decides;
-    let methods = METHODS.iter().filter(knows_time);
-    methods.filter(move |method| method.backends.contains(&kind.backend()))
+    let runs_there = |method: &&Method| method.backends.contains(&backend);
+    let methods = METHODS.iter().filter(knows_time).filter(runs_there);
+    methods.partition(|method| !is_software || method.id != deformable::METHOD.id)
 }
 
 fn fault_of(

@@ -29,6 +29,13 @@ use crate::{
 const STEPS: u64 = 50;
 /// Steps of a network on a software adapter, which takes many seconds for each.
 const SOFTWARE_NETWORK_STEPS: u64 = 8;
+/// Options that make steps small, for the methods that have them.
+const SMALL: [(&str, &str); 4] = [
+    ("max-gaussians", "700"),
+    ("rays", "512"),
+    ("base-fields", "tiny"),
+    ("motion-fields", "tiny"),
+];
 /// Maximum relative difference of the sum of all steps' losses: the same as for that of four steps.
 const LOSS_LIMIT: f64 = 2e-3;
 
@@ -53,8 +60,11 @@ fn run(method: &Method, scene: &TrainingScene, without: &[&str], backend: Backen
         backend,
         ..Session::without_files(&Silent)
     };
+    let has = |id: &str| method.options.iter().any(|option| option.id == id);
+    let small = SMALL.iter().filter(|(id, _)| has(id));
+    let small: Vec<String> = small.map(|(id, value)| format!("{id}={value}")).collect();
     let request = MethodRequest {
-        options: Options::at_most(700),
+        options: Options::parse(method.id, method.options, &small).unwrap(),
         plan: PlanChoice::Full,
         without: without.iter().map(|&name| name.to_owned()).collect(),
         trace_every: Some(1),
