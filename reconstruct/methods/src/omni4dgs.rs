@@ -5,7 +5,8 @@
 
 pub(super) mod constants;
 
-use crate::dynamic::{self, FirstGaussians, TEMPORAL_DENSITY, TEMPORAL_MOTION, TEMPORAL_OPACITY};
+pub use crate::dynamic::TEMPORAL_DENSITY;
+use crate::dynamic::{self, FirstGaussians, TEMPORAL_MOTION, TEMPORAL_OPACITY};
 use omnilife_engine::{
     clock::Clock,
     gaussians::temporal::{TemporalFeatures, TimeModel, VelocityModel},
