@@ -70,7 +70,7 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "two-cameras-in-one-place",
         title: "training on pairs of cameras in one place that look two ways",
-        runs: Runs::OnBoth,
+        runs: Runs::OnCpu(HostOnly::Duration),
         judge: |device| {
             learn(
                 &OWN,
@@ -84,7 +84,7 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "dark-clip",
         title: "training on a clip of a twentieth of full brightness",
-        runs: Runs::OnBoth,
+        runs: Runs::OnCpu(HostOnly::Duration),
         judge: |device| {
             learn(
                 &OWN,

@@ -65,7 +65,7 @@ impl HostOnly {
             Self::WithinSteps => {
                 "CPU alone: the kernel runs within a step or its own test, which compare it with the CPU"
             }
-            Self::Duration => "CPU alone: thousands of steps take a software device too long",
+            Self::Duration => "CPU alone: hundreds of steps take a software device too long",
         }
     }
 }
