@@ -46,7 +46,7 @@ pub(super) const SMOOTHING: TemporalSmoothing = TemporalSmoothing {
     reach_frames: 1.5,
 };
 /// Component: density control in time.
-pub const TEMPORAL_DENSITY: &str = "temporal-density";
+pub(super) const TEMPORAL_DENSITY: &str = "temporal-density";
 
 /// Frames of PVG's time unit: its data sets have 0.02 from frame to frame
 /// (`scene/waymo_loader.py`). Published times, velocities and thresholds are in this unit.

@@ -5,8 +5,7 @@
 
 pub(super) mod constants;
 
-pub use crate::dynamic::TEMPORAL_DENSITY;
-use crate::dynamic::{self, FirstGaussians, TEMPORAL_MOTION, TEMPORAL_OPACITY};
+use crate::dynamic::{self, FirstGaussians, TEMPORAL_DENSITY, TEMPORAL_MOTION, TEMPORAL_OPACITY};
 use omnilife_engine::{
     clock::Clock,
     gaussians::temporal::{TemporalFeatures, TimeModel, VelocityModel},
@@ -105,7 +104,7 @@ pub const METHOD: Method = Method {
 /// Component: velocities have a radial and a tangential part (Eq. 3).
 pub(super) const VELOCITY_DECOMPOSITION: &str = "velocity-decomposition";
 /// Component: masks supervise the dynamic Gaussians (Eqs. 4 to 7).
-pub(super) const DYNAMIC_MASK: &str = components::DYNAMIC_MASK;
+pub const DYNAMIC_MASK: &str = components::DYNAMIC_MASK;
 /// Component: static Gaussians stay in their direction (Eqs. 10, 11).
 pub(super) const MOTION_REGULARIZATION: &str = "motion-regularization";
 /// Component: no velocities outside the masks (Eq. 9).
