@@ -13,8 +13,9 @@ import logging
 import os
 import socket
 import sys
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Optional, Union
 from urllib.parse import urlsplit
@@ -141,10 +142,15 @@ class _Sink:
             if not follow:
                 written = written.with_name(f".{written.name}.{os.getpid()}.part")
             self._written = written
-            with _as_machine_error(self._file):
-                # Tried here: the recording reports what fails in a log of its own alone.
-                written.touch()
-                stream.save(written, default_blueprint=layout)
+            try:
+                with _as_machine_error(self._file):
+                    # Tried here: the recording reports what fails in a log of its own alone.
+                    written.touch()
+                    _in_time(lambda: stream.save(written, default_blueprint=layout))
+            except MachineError:
+                if not follow:
+                    written.unlink(missing_ok=True)
+                raise
         else:
             address = connect or VIEWER
             self._address = address
@@ -161,7 +167,12 @@ class _Sink:
         return self
 
     def __exit__(self, kind: Optional[type[BaseException]], *_: object) -> None:
-        self._stream.disconnect()
+        try:
+            _in_time(self._stream.disconnect)
+        except TimeoutError as error:
+            # After a failure, that is what is reported.
+            if kind is None:
+                raise MachineError(f"{self._file or self._address}: cannot be ended: {error}") from error
         if self._file is None or self._written is None:
             return
         is_temporary = self._written != self._file
@@ -178,6 +189,25 @@ class _Sink:
         if is_temporary:
             with _as_machine_error(self._file):
                 os.replace(self._written, self._file)
+
+
+def _in_time(work: Callable[[], object]) -> None:
+    """Does a step of the SDK, which may wait for ever for a file or a viewer that takes nothing any more."""
+    errors: list[BaseException] = []
+
+    def do() -> None:
+        try:
+            work()
+        except BaseException as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=do, daemon=True)
+    thread.start()
+    thread.join(_SEND_SECONDS)
+    if thread.is_alive():
+        raise TimeoutError(f"nothing arrives for {_SEND_SECONDS:.0f} s: is the disk full, or the viewer gone?")
+    for error in errors:
+        raise error
 
 
 class _as_machine_error:

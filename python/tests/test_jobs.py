@@ -118,6 +118,10 @@ class Commands(unittest.TestCase):
             """
         )
 
+        # A shell ignores the signal for what it runs in the background, and Python leaves that so.
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        self.addCleanup(signal.signal, signal.SIGINT, before)
+
         def interrupt(_: Progress) -> None:
             threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
 
