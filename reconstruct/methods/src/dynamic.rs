@@ -6,7 +6,6 @@ use rand::RngExt;
 
 use omnilife_engine::{
     clock::Clock,
-    density::DensifySettings,
     gaussians::{
         static_gaussians::{self, InitialGaussians, StaticGaussians},
         temporal::{InitialTimes, LifespanRange},
@@ -73,19 +72,7 @@ pub(super) fn temporal_density(settings: &TrainSettings) -> TemporalDensity {
     TemporalDensity {
         gradient_threshold: 2e-3 / FRAMES_PER_UNIT,
         clone_lifespan_frames: 0.01 * FRAMES_PER_UNIT,
-        shorten_from_iteration: half_of_density(&settings.densify),
-    }
-}
-
-/// Returns the iteration at half of density control: half of its last one, as published, or the middle between its
-/// first and its last where it starts later.
-fn half_of_density(densify: &DensifySettings) -> u64 {
-    let (begin, end) = (densify.begin_iteration, densify.end_iteration);
-    let half = end / 2;
-    if begin <= half {
-        half
-    } else {
-        begin + end.saturating_sub(begin) / 2
+        shorten_from_iteration: settings.densify.end_iteration / 2,
     }
 }
 
@@ -228,22 +215,7 @@ pub(super) fn down(scene: &TrainingScene) -> [f32; 3] {
 
 #[cfg(test)]
 mod tests {
-    use omnilife_training::baseline;
-
     use super::*;
-
-    #[test]
-    fn lifespans_get_shorter_while_density_control_works() {
-        let mut densify = baseline::published_settings(30_000).densify;
-        for (begin, end, half) in [
-            (500, 15_000, 7_500),
-            (7_500, 15_000, 7_500),
-            (15_000, 22_500, 18_750),
-        ] {
-            (densify.begin_iteration, densify.end_iteration) = (begin, end);
-            assert_eq!(half_of_density(&densify), half);
-        }
-    }
 
     #[test]
     fn first_peaks_are_drawn_apart_from_the_order_of_views() {

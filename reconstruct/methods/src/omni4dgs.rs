@@ -14,9 +14,9 @@ use omnilife_engine::{
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
     components::{
-        self, Decision, Draft, camera_response, dense_start, denser_points,
-        draft::MotionEvidenceUse, dropout, exposure_compensation, mask_seeds, pose_refinement,
-        short_schedule, sky_shell, static_table, swept_points, view_dependent_colour,
+        self, Decision, Draft, camera_response, denser_points, draft::MotionEvidenceUse, dropout,
+        exposure_compensation, mask_seeds, pose_refinement, short_schedule, sky_shell,
+        static_table, swept_points, view_dependent_colour,
     },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
@@ -64,7 +64,6 @@ pub const METHOD: Method = Method {
         view_dependent_colour::ID,
         pose_refinement::ID,
         dropout::ID,
-        dense_start::ID,
     ],
     // Table 6.
     ablation: &[

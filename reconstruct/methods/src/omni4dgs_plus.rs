@@ -18,7 +18,7 @@ use crate::{
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
     components::{
-        Decision, Draft, camera_response, dense_start, denser_points,
+        Decision, Draft, camera_response, denser_points,
         draft::{MotionEvidenceUse, Seeding},
         dropout, exposure_compensation, mask_seeds, pose_refinement, short_schedule, sky_shell,
         static_table, swept_points, view_dependent_colour,
@@ -72,7 +72,6 @@ pub const METHOD: Method = Method {
         VELOCITY_DECOMPOSITION,
         MOTION_REGULARIZATION,
         camera_response::ID,
-        dense_start::ID,
     ],
     ablation: &[],
     default_plan: DefaultPlan::Auto,

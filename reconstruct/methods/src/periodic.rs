@@ -20,8 +20,8 @@ use omnilife_engine::{
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
     components::{
-        Decision, Draft, camera_response, dense_start, denser_points, draft::MotionEvidenceUse,
-        dropout, exposure_compensation, mask_seeds, pose_refinement, short_schedule, sky_shell,
+        Decision, Draft, camera_response, denser_points, draft::MotionEvidenceUse, dropout,
+        exposure_compensation, mask_seeds, pose_refinement, short_schedule, sky_shell,
         static_table, swept_points, view_dependent_colour,
     },
     error::ReconstructError,
@@ -71,7 +71,6 @@ pub const METHOD: Method = Method {
         view_dependent_colour::ID,
         pose_refinement::ID,
         dropout::ID,
-        dense_start::ID,
         LIFESPAN_LOSS,
     ],
     ablation: &[],

@@ -5,7 +5,6 @@ mod atlas_planes;
 mod camera_response;
 mod checkpoints;
 mod components;
-mod dense_start;
 mod depth;
 mod dynamic;
 mod evidence;

@@ -23,10 +23,10 @@ use painted_room::{room, seen};
 
 use crate::support::{novel_views, painted_room};
 
-pub(crate) const CAMERA: ErpCamera = ErpCamera::new(128, 64);
+const CAMERA: ErpCamera = ErpCamera::new(128, 64);
 const ITERATIONS: u64 = 200;
 
-pub(crate) fn camera_pose(frame: u32) -> CameraPose {
+fn camera_pose(frame: u32) -> CameraPose {
     let along = 0.3 * f64::from(frame);
     let turn = DQuat::from_euler(glam::EulerRot::YXZ, 0.6 + 0.1 * along, 0.05 * along, -0.05);
     CameraPose {
@@ -37,7 +37,7 @@ pub(crate) fn camera_pose(frame: u32) -> CameraPose {
 }
 
 /// Returns a path through the room, every fifth view a novel one, without points.
-pub(crate) fn walk() -> TrainingScene {
+fn walk() -> TrainingScene {
     let (mut input_views, mut novel_views) = (Vec::new(), Vec::new());
     for frame in 0..15 {
         let pose = camera_pose(frame);
@@ -71,7 +71,7 @@ pub(crate) fn walk() -> TrainingScene {
 }
 
 /// Returns points of the room's surfaces as a laser at a view would measure them.
-pub(crate) fn measured() -> PointCloud<f32> {
+fn measured() -> PointCloud<f32> {
     let pose = camera_pose(6);
     let mut points = PointCloud::default();
     for row in 0..CAMERA.height {

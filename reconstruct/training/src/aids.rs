@@ -20,11 +20,10 @@ pub const AIDS: &[&str] = &[
     "denser-points",
     "mask-seeds",
     "static-table",
-    "dense-start",
 ];
 
 /// Aids that no evidence decides on: used where they are asked for by name.
-pub const BY_NAME: &[&str] = &["camera-response", "dense-start"];
+pub const BY_NAME: &[&str] = &["camera-response"];
 
 /// Returns true for an aid.
 pub fn is_aid(component: &str) -> bool {

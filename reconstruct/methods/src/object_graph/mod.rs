@@ -26,9 +26,8 @@ use omnilife_schemas::{records::Tracks, statistics::median};
 use omnilife_training::{
     baseline::{OPACITY_RESET, require_memory},
     components::{
-        Decision, Draft, camera_response, dense_start, denser_points, draft::MotionEvidenceUse,
-        dropout, exposure_compensation, pose_refinement, short_schedule, sky_shell,
-        view_dependent_colour,
+        Decision, Draft, camera_response, denser_points, draft::MotionEvidenceUse, dropout,
+        exposure_compensation, pose_refinement, short_schedule, sky_shell, view_dependent_colour,
     },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians, requirement::Requirement},
@@ -83,7 +82,6 @@ pub const METHOD: Method = Method {
         view_dependent_colour::ID,
         pose_refinement::ID,
         dropout::ID,
-        dense_start::ID,
     ],
     ablation: &[],
     default_plan: DefaultPlan::Auto,

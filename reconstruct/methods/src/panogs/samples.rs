@@ -86,7 +86,6 @@ impl Samples {
             mut views,
             origin,
             size,
-            ..
         } = sources::of_scene(scene)?;
         checks::require_meaning(scene, &distance_views(&views))?;
         let mut warnings = vec![format!("distances are those of {origin}")];

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use omnilife_schemas::records::ComponentDecision;
 
 use super::{
-    Supported, camera_response, dense_start, dropout, exposure_compensation, pose_refinement,
+    Supported, camera_response, dropout, exposure_compensation, pose_refinement,
     view_dependent_colour,
 };
 pub use crate::aids::{AIDS, ALL, BY_NAME, is_aid};
@@ -17,7 +17,6 @@ pub const ON_REQUEST: &[&str] = &[
     view_dependent_colour::ID,
     pose_refinement::ID,
     dropout::ID,
-    dense_start::ID,
 ];
 
 impl Supported {

@@ -40,15 +40,6 @@ impl<'a> DecisionLog<'a> {
         used
     }
 
-    /// Adds the outcome of using a component to its decision: one that could not be used counts as not used.
-    pub(crate) fn add_outcome(&mut self, component: &str, used: bool, outcome: &str) {
-        let mut decisions = self.decisions.iter_mut();
-        if let Some(decision) = decisions.find(|decision| decision.component == component) {
-            decision.used = used;
-            decision.reason += &format!("; {outcome}");
-        }
-    }
-
     /// Returns true if a component was decided on and is used.
     pub(crate) fn is_used(&self, component: &str) -> bool {
         let mut decisions = self.decisions.iter();

@@ -41,8 +41,6 @@ pub struct Draft<'a> {
     pub reserved: u64,
     /// The decisions so far.
     pub(crate) plan: DecisionLog<'a>,
-    /// Outcomes of components, for readers of the scores.
-    remarks: Vec<String>,
     motion: MotionEvidenceUse,
 }
 
@@ -99,7 +97,6 @@ impl<'a> Draft<'a> {
             fixed: InitialGaussians::default(),
             reserved: 0,
             plan: DecisionLog::new(request),
-            remarks: Vec::new(),
             motion,
         };
         let resets = baseline::reset_decision(&draft.settings, request);
@@ -120,21 +117,6 @@ impl<'a> Draft<'a> {
     /// Returns the component if it is not used, as a missing requirement of others.
     pub fn missing(&self, component: &'static str) -> Option<&'static str> {
         (!self.is_used(component)).then_some(component)
-    }
-
-    /// Records the outcome of a used component, in its decision and as a line for readers of the scores.
-    pub(crate) fn report(&mut self, component: &str, outcome: &str) {
-        self.plan.add_outcome(component, true, outcome);
-        self.remarks.push(format!("{component}: {outcome}"));
-    }
-
-    /// Records why a component could not be used after all, in its decision and as a line for readers of the scores.
-    pub(crate) fn give_up(&mut self, component: &str, why: &str) {
-        self.plan.add_outcome(component, false, why);
-        // Requests that are not met have a line of their own.
-        if !self.request.asks_for(component) {
-            self.remarks.push(format!("{component} is not used: {why}"));
-        }
     }
 
     /// Decides on the shared components that the method supports, and applies the used ones. Between the turns it
@@ -188,9 +170,7 @@ impl<'a> Draft<'a> {
             MotionEvidenceUse::Decides => self.evidence.masks.warnings(),
             MotionEvidenceUse::None => Vec::new(),
         };
-        let remarks = self.remarks.iter().cloned();
-        let all = masks.into_iter().chain(self.plan.refusals());
-        all.chain(remarks).collect()
+        masks.into_iter().chain(self.plan.refusals()).collect()
     }
 }
 

@@ -16,7 +16,6 @@ pub mod aids;
 pub mod camera_response;
 mod decision;
 mod decision_log;
-pub mod dense_start;
 pub mod denser_points;
 pub mod draft;
 pub mod dropout;
@@ -86,7 +85,7 @@ pub struct Supported {
 }
 
 /// All components, in the order of their turns: gains before the colours of first Gaussians, and seeds before the
-/// sky, which takes its share of the remaining room. Samples of a dense start take what the others leave.
+/// sky, which takes its share of the remaining room.
 pub const COMPONENTS: &[Component] = &[
     exposure_compensation::COMPONENT,
     camera_response::COMPONENT,
@@ -97,7 +96,6 @@ pub const COMPONENTS: &[Component] = &[
     mask_seeds::COMPONENT,
     sky_shell::COMPONENT,
     static_table::COMPONENT,
-    dense_start::COMPONENT,
 ];
 
 /// Adds the points that a scene lacks, if a method and a request have components for that.

@@ -7,7 +7,7 @@
 
 use std::f32::consts::PI;
 
-use glam::{Vec3, dvec3, vec3};
+use glam::{Vec3, vec3};
 use rayon::prelude::*;
 use rstar::RTree;
 
@@ -167,7 +167,7 @@ fn shell_radius(scene: &TrainingScene) -> f32 {
 }
 
 /// Returns unit vectors evenly spread over the sphere, each in the middle of an equal solid angle.
-pub(super) fn fibonacci_sphere(count: usize) -> Vec<Vec3> {
+fn fibonacci_sphere(count: usize) -> Vec<Vec3> {
     // The angles of many directions exceed the precision of f32.
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     (0..count)
@@ -178,16 +178,6 @@ pub(super) fn fibonacci_sphere(count: usize) -> Vec<Vec3> {
             vec3(rho * angle.cos(), y, rho * angle.sin())
         })
         .collect()
-}
-
-/// Returns one of so many unit vectors evenly spread over the sphere, by its index. Where neighbours of
-/// [`fibonacci_sphere`] have one `y` after rounding, beyond some ten million, these keep apart as far as f32 can.
-pub(super) fn fibonacci_direction(index: usize, count: usize) -> Vec3 {
-    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
-    let y = 1.0 - 2.0 * (index as f64 + 0.5) / count as f64;
-    let rho = (1.0 - y * y).max(0.0).sqrt();
-    let (sin, cos) = (golden * index as f64).sin_cos();
-    dvec3(rho * cos, y, rho * sin).as_vec3()
 }
 
 /// Returns true if some input view shows a direction of the world at infinity.

@@ -127,14 +127,14 @@ fn references(scene: &TrainingScene, most: usize, gap: usize, width: usize) -> V
 }
 
 /// Returns at most so many of the numbers below `count`, evenly spread, the first and the last among them.
-pub(super) fn evenly(count: usize, most: usize) -> impl Iterator<Item = usize> {
+fn evenly(count: usize, most: usize) -> impl Iterator<Item = usize> {
     let taken = most.min(count);
     (0..taken).map(move |step| step * (count - 1) / (taken - 1).max(1))
 }
 
 /// Returns the gap that gives most pixels a good distance: near views have too little parallax, far ones see
 /// different sides of surfaces.
-pub(super) fn best_gap(scene: &TrainingScene) -> Option<usize> {
+fn best_gap(scene: &TrainingScene) -> Option<usize> {
     if !scene.camera.wraps() {
         return None;
     }

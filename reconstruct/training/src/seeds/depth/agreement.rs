@@ -4,7 +4,7 @@ use glam::Vec3;
 use omnilife_engine::camera::nearest::Projector;
 use rayon::prelude::*;
 
-use super::lift::{DistanceView, SurfaceSamples, pixel_angle, sample_radius};
+use super::lift::{DistanceView, SurfaceSamples, pixel_angle};
 
 /// Minimum tolerance of the distances of two views of one surface, as a share.
 const LEAST_TOLERANCE: f64 = 0.02;
@@ -24,10 +24,6 @@ pub struct Agreement {
     pub free: u16,
     /// True if no other view has a finer sample of the surface.
     pub is_finest: bool,
-    /// True if no other view explains the surface: with samples of an octave of sizes below, or of the same octave
-    /// where it is an earlier view. Of all views that see a place one has this flag, up to lines where their radii
-    /// lie on both sides of an octave.
-    pub is_own: bool,
 }
 
 /// Returns the maximum difference of two views' distances to one surface, as a share.
@@ -53,17 +49,10 @@ fn is_farther(theirs: f32, distance: f32, tolerance: f32) -> bool {
     theirs > (1.0 + FREE_TOLERANCES as f32 * tolerance) * distance
 }
 
-/// Returns the octave of a radius: radii of one octave differ by a factor below two.
-fn octave(radius: f32) -> i32 {
-    radius.log2().floor() as i32
-}
-
 /// Compares the samples of view number `own` with all other views.
 ///
 /// A view j sees the sample's surface where `|D_j - d| < tolerance d`, with the distance `d` of the sample from
-/// it. There its own samples have the radius `d pitch / sqrt(cos)`. Among equals the earlier view's stays; among those
-/// of one octave of radii it does for [`Agreement::is_own`], which is a total order, so that a place keeps a view. For
-/// that both radii are those of the lift.
+/// it. There its own samples have the radius `d pitch / sqrt(cos)`. Among equals the earlier view's stays.
 pub fn agreement(
     lifted: &SurfaceSamples,
     own: usize,
@@ -82,7 +71,6 @@ pub fn agreement(
         let (normal, radius) = (lifted.normals[index], lifted.radii[index]);
         let mut found = Agreement {
             is_finest: true,
-            is_own: true,
             ..Agreement::default()
         };
         for (number, view, projector) in &others {
@@ -99,14 +87,12 @@ pub fn agreement(
             }
             found.support += 1;
             let direction = (place - view.view.centre) / distance;
-            let cosine = normal.dot(direction).abs();
+            let cosine = normal.dot(direction).abs().max(LEAST_COSINE);
             let in_camera = view.view.rotation * direction;
             let angle = pixel_angle(&view.view.camera, in_camera.as_dvec3()) as f32;
-            let their_radius = distance * angle / cosine.max(LEAST_COSINE).sqrt();
+            let their_radius = distance * angle / cosine.sqrt();
             let is_finer = their_radius < radius || (their_radius == radius && *number < own);
             found.is_finest &= !is_finer;
-            let in_lift = sample_radius(f64::from(distance * angle), f64::from(cosine)) as f32;
-            found.is_own &= (octave(radius), own) <= (octave(in_lift), *number);
         }
         found
     };

@@ -75,7 +75,7 @@ impl LiftSettings {
 
 impl LiftSettings {
     /// Returns the standard deviations of a sample of this radius.
-    pub(super) fn scales(&self, radius: f32) -> [f32; 3] {
+    fn scales(&self, radius: f32) -> [f32; 3] {
         let along = self.tangential * radius;
         [along, along, self.normal * radius]
     }
@@ -333,7 +333,7 @@ fn edges(points: &Points<'_>, column: usize, row: usize) -> [bool; 2] {
 
 /// Returns the root of the area that a sample stands for on its surface, in the unit of its `pitch` across the ray;
 /// `cosine` is that between ray and normal, 0 to 1.
-pub(super) fn sample_radius(pitch: f64, cosine: f64) -> f64 {
+fn sample_radius(pitch: f64, cosine: f64) -> f64 {
     (pitch / cosine.max(LEAST_COSINE).sqrt()).min(LARGEST_RADIUS * pitch)
 }
 

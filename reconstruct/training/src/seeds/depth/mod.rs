@@ -5,13 +5,11 @@
 //! * [`scales`]: one factor for the distances of each view. [`agreement()`]: finer, confirming and contradicting
 //!   samples of other views. [`checks`]: checks of the distances' meaning.
 //! * [`source_view`]: a view with its distances, from any source. [`sources`]: files of distances, or the sphere sweep.
-//! * [`dense`]: samples of equal solid angles from some views, as many as a limit allows.
 //!
 //! All of it is independent of the source of distances: a sensor, a network or a sweep.
 
 pub mod agreement;
 pub mod checks;
-pub mod dense;
 pub mod lift;
 pub mod normals;
 mod pairs;

@@ -1,18 +1,15 @@
 //! Sources of the distances of the input views: files, or the sphere sweep.
 
-use std::f32::consts::TAU;
-
 use omnilife_engine::{camera::View, training_view::TrainingView};
 use omnilife_schemas::{
     RgbImage,
     distances::{DistanceImage, EDGE_RATIO},
 };
 
-use super::{DistanceView, SourceView, checks};
+use super::SourceView;
 use crate::{
     error::ReconstructError,
     scene::{TrainingScene, depth::resized_view},
-    seeds::swept::{best_gap, evenly},
     stereo::{self, Placement, SweepSettings, SweptDepth},
 };
 
@@ -21,56 +18,16 @@ use crate::{
 pub struct Sources {
     /// The views with their distances.
     pub views: Vec<SourceView>,
-    /// Number of each among the input views.
-    pub numbers: Vec<usize>,
-    /// Kind of origin.
-    pub origin_kind: Origin,
     /// Origin in words.
     pub origin: String,
     /// Size of the distance images as read.
     pub size: [usize; 2],
 }
 
-/// Origin of distances.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Origin {
-    /// Files that a scene has for some of its input views, or all.
-    Files,
-    /// The sphere sweep between input views.
-    Sweep,
-}
-
-/// Demands on swept distances; pixels that do not meet them have none.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Demands {
-    /// Minimum inverse distance, per distance between the two cameras.
-    inverse: f32,
-    /// Confidence above which a match counts.
-    confidence: f32,
-}
-
 /// Number of other views in the sweep of a panorama.
 const NEIGHBOURS: usize = 2;
-/// Distances above this many distances between the two cameras are too far to be known. Any confirmed match counts.
-const OF_ALL_VIEWS: Demands = Demands {
-    inverse: 1.0 / 200.0,
-    confidence: 0.0,
-};
-/// Minimum parallax of a distance of some views: half a pixel of the search.
-const LEAST_PARALLAX: f32 = 0.5;
-/// Confidence above which a match of theirs counts.
-const LEAST_CONFIDENCE: f32 = 0.1;
-
-/// Returns the origin of the distances that [`of_some`] takes, before any is read; `None` where a scene has no file of
-/// them, and no two panoramas stand apart.
-pub fn origin(scene: &TrainingScene) -> Option<Origin> {
-    if !with_file(scene).is_empty() {
-        return Some(Origin::Files);
-    }
-    let mut pairs = scene.input_views.windows(2);
-    let has_parallax = pairs.any(|pair| pair[0].view.centre != pair[1].view.centre);
-    (scene.camera.wraps() && has_parallax).then_some(Origin::Sweep)
-}
+/// Distances above this many distances between the two cameras are too far to be known.
+const FARTHEST_BASELINES: f32 = 200.0;
 
 /// Returns the distances of all input views: from their files, or without files by the sphere sweep.
 ///
@@ -94,60 +51,7 @@ pub fn of_scene(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
             ),
         });
     }
-    read(scene, given)
-}
-
-/// Returns the distances of at most so many input views, evenly from all: from files where the scene has any, or by
-/// sphere sweeps against the view before and the one after at the gap with most parallax that still matches.
-///
-/// # Errors
-/// When a file is not usable or means other distances than its record says, the views are not panoramas, or all cameras
-/// stand in one place.
-pub fn of_some(scene: &TrainingScene, most: usize) -> Result<Sources, ReconstructError> {
-    let given = with_file(scene);
-    if !given.is_empty() {
-        let chosen = evenly(given.len(), most).map(|at| given[at]).collect();
-        let sources = read(scene, chosen)?;
-        let views: Vec<DistanceView<'_>> = sources.views.iter().map(SourceView::as_given).collect();
-        checks::require_meaning(scene, &views)?;
-        return Ok(sources);
-    }
-    let without_parallax = || ReconstructError::Request {
-        reason: format!(
-            "{}: no two panoramas stand far enough apart to tell distances",
-            scene.id
-        ),
-    };
-    let gap = best_gap(scene).ok_or_else(without_parallax)?;
-    let count = scene.input_views.len();
-    let chosen: Vec<usize> = evenly(count, most).collect();
-    let beside = |view: usize| {
-        let before = view.checked_sub(gap).map(|other| [other, view]);
-        let after = (view + gap < count).then_some([view, view + gap]);
-        before.into_iter().chain(after)
-    };
-    let mut pairs: Vec<[usize; 2]> = chosen.iter().flat_map(|&view| beside(view)).collect();
-    pairs.sort_unstable();
-    pairs.dedup();
-    let estimates = estimates(scene, &pairs);
-    let (mut views, mut numbers) = (Vec::new(), Vec::new());
-    for &number in &chosen {
-        let of_view = &estimates[number];
-        let width = of_view.first().map_or(1, |(depth, _)| depth.width);
-        let demands = Demands {
-            inverse: LEAST_PARALLAX * TAU / width as f32,
-            confidence: LEAST_CONFIDENCE,
-        };
-        if let Some(view) = merged(&scene.input_views[number], of_view, demands) {
-            views.push(view);
-            numbers.push(number);
-        }
-    }
-    if views.is_empty() {
-        return Err(without_parallax());
-    }
-    let what = format!("{} pairs of views, {gap} input views apart", pairs.len());
-    Ok(of_sweeps(views, numbers, &what))
+    read(scene, &given)
 }
 
 /// Returns the numbers of the input views whose distances are in a file.
@@ -157,8 +61,8 @@ fn with_file(scene: &TrainingScene) -> Vec<usize> {
     has_file.map(|(view, _)| view).collect()
 }
 
-/// Reads the files of some views.
-fn read(scene: &TrainingScene, numbers: Vec<usize>) -> Result<Sources, ReconstructError> {
+/// Reads the files of views with these numbers.
+fn read(scene: &TrainingScene, numbers: &[usize]) -> Result<Sources, ReconstructError> {
     let read = |&view: &usize| scene.distances(view);
     let read: Vec<Option<DistanceImage>> = numbers.iter().map(read).collect::<Result<_, _>>()?;
     let sizes = read.iter().flatten();
@@ -171,8 +75,6 @@ fn read(scene: &TrainingScene, numbers: Vec<usize>) -> Result<Sources, Reconstru
     let name = name.map_or("given", |file| file.prior.source.as_str());
     Ok(Sources {
         views: views.collect(),
-        numbers,
-        origin_kind: Origin::Files,
         origin: format!("files ({name}), {}x{}", size[0], size[1]),
         size,
     })
@@ -194,7 +96,7 @@ fn swept(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
     let found: Option<Vec<SourceView>> = views
         .iter()
         .zip(&estimates)
-        .map(|(view, estimates)| merged(view, estimates, OF_ALL_VIEWS))
+        .map(|(view, estimates)| merged(view, estimates))
         .collect();
     let Some(found) = found else {
         return Err(ReconstructError::Request {
@@ -205,21 +107,17 @@ fn swept(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
             ),
         });
     };
-    let numbers = (0..found.len()).collect();
-    Ok(of_sweeps(found, numbers, "neighbouring views"))
-}
-
-fn of_sweeps(views: Vec<SourceView>, numbers: Vec<usize>, what: &str) -> Sources {
-    let size = views
+    let size = found
         .first()
         .map_or([0; 2], |view| [view.distances.width, view.distances.height]);
-    Sources {
-        views,
-        numbers,
-        origin_kind: Origin::Sweep,
-        origin: format!("the sphere sweep of {what}, {}x{}", size[0], size[1]),
+    Ok(Sources {
+        views: found,
+        origin: format!(
+            "the sphere sweep of neighbouring views, {}x{}",
+            size[0], size[1]
+        ),
         size,
-    }
+    })
 }
 
 /// Sweeps pairs of views against each other; returns the depths of each input view, with the distance of the pair's
@@ -268,11 +166,7 @@ fn placement(view: &View) -> Placement {
 
 /// Merges the estimates of one view. Confirmed ones are weighted by confidence where two agree; otherwise the
 /// more confident one wins. `None` without any estimate.
-fn merged(
-    view: &TrainingView,
-    estimates: &[(SweptDepth, f64)],
-    demands: Demands,
-) -> Option<SourceView> {
+fn merged(view: &TrainingView, estimates: &[(SweptDepth, f64)]) -> Option<SourceView> {
     let (first, _) = estimates.first()?;
     let (width, height) = (first.width, first.height);
     let mut values = Vec::with_capacity(width * height);
@@ -281,7 +175,7 @@ fn merged(
         let (mut inverse, mut weight) = (0.0_f32, 0.0_f32);
         for (depth, baseline) in estimates {
             let (found, confidence) = (depth.inverse_distances[pixel], depth.confidences[pixel]);
-            if confidence <= demands.confidence || found < demands.inverse {
+            if confidence <= 0.0 || found < 1.0 / FARTHEST_BASELINES {
                 continue;
             }
             let found = found / *baseline as f32;
