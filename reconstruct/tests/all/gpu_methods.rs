@@ -16,7 +16,6 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     methods::{METHODS, Method, deformable, panogs, requirement::Requirement},
-    options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::Session,
@@ -25,19 +24,13 @@ use omnilife_schemas::{progress::Silent, records::Backend};
 
 use crate::{
     depth, object_graph,
-    support::{device, held_camera, novel_views},
+    support::{device, held_camera, novel_views, trained::small_options},
 };
 
 const STEPS: u64 = 50;
 /// Steps on a software adapter, and those of a network, of which it takes seconds for each.
 const SOFTWARE_STEPS: [u64; 2] = [16, 4];
-/// Options that make steps small, for the methods that have them.
-const SMALL: [(&str, &str); 4] = [
-    ("max-gaussians", "700"),
-    ("rays", "512"),
-    ("base-fields", "tiny"),
-    ("motion-fields", "tiny"),
-];
+const MAX_GAUSSIANS: usize = 700;
 /// Maximum relative difference of the sum of all steps' losses: the same as for that of four steps.
 const LOSS_LIMIT: f64 = 2e-3;
 
@@ -66,11 +59,8 @@ fn run(method: &Method, scene: &TrainingScene, without: &[&str], backend: Backen
         backend,
         ..Session::without_files(&Silent)
     };
-    let has = |id: &str| method.options.iter().any(|option| option.id == id);
-    let small = SMALL.iter().filter(|(id, _)| has(id));
-    let small: Vec<String> = small.map(|(id, value)| format!("{id}={value}")).collect();
     let request = MethodRequest {
-        options: Options::parse(method.id, method.options, &small).unwrap(),
+        options: small_options(method, MAX_GAUSSIANS, &[]),
         plan: PlanChoice::Full,
         without: without.iter().map(|&name| name.to_owned()).collect(),
         trace_every: Some(1),

@@ -18,7 +18,7 @@ use omnilife_engine::{
 use omnilife_reconstruct::{
     components::{self, denser_points, short_schedule, swept_points},
     methods::{self, METHODS, Method, Prepared},
-    options::{Constant, MethodOption, OptionValues, Options},
+    options::{Constant, MethodOption, OptionValues},
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::{TrainingScene, depth::PriorFile},
 };
@@ -34,7 +34,7 @@ use crate::{
     components::spoilt,
     depth::room,
     object_graph,
-    support::{flight, post},
+    support::{flight, post, trained::small_options},
 };
 
 /// Least relative difference of images, root mean square. Last bits make less than a tenth of it in so few steps.
@@ -43,13 +43,8 @@ const LIMIT: f64 = 2e-6;
 const STEPS: u64 = 24;
 /// A schedule in which there are resets of opacities; a run takes steps that are evenly spread over it.
 const LONG_SCHEDULE: u64 = 250 * STEPS;
-/// Options that make runs short, for the methods that have them.
-const SMALL: [(&str, &str); 4] = [
-    ("max-gaussians", "600"),
-    ("rays", "512"),
-    ("base-fields", "tiny"),
-    ("motion-fields", "tiny"),
-];
+/// Largest number of Gaussians.
+const MAX_GAUSSIANS: usize = 600;
 
 /// A scene with a schedule.
 struct Case {
@@ -214,14 +209,10 @@ fn request(
     set: &[String],
 ) -> MethodRequest {
     let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
-    let has = |id: &str| method.options.iter().any(|option| option.id == id);
-    let small = SMALL.iter().filter(|(id, _)| has(id));
-    let small = small.map(|(id, value)| format!("{id}={value}"));
-    let lines: Vec<String> = small.chain(set.iter().cloned()).collect();
     MethodRequest {
         with: owned(with),
         without: owned(without),
-        options: Options::parse(method.id, method.options, &lines).unwrap(),
+        options: small_options(method, MAX_GAUSSIANS, set),
         ..MethodRequest::new(case.iterations, 7)
     }
 }

@@ -4,7 +4,8 @@ use std::{fs, path::Path};
 
 use omnilife_engine::step::settings::TrainSettings;
 use omnilife_reconstruct::{
-    methods::{self, MethodOutcome, Prepared},
+    methods::{self, Method, MethodOutcome, Prepared},
+    options::Options,
     request::MethodRequest,
     scene::TrainingScene,
     train::{Session, TrainingFiles, watch::WatchFiles},
@@ -14,6 +15,22 @@ use omnilife_schemas::progress::Silent;
 /// Returns a request with all defaults and one seed.
 pub(crate) fn request(iterations: u64) -> MethodRequest {
     MethodRequest::new(iterations, 7)
+}
+
+/// Returns options that make steps small, of those that a method has, and others of it.
+pub(crate) fn small_options(method: &Method, max_gaussians: usize, others: &[String]) -> Options {
+    let limit = max_gaussians.to_string();
+    let small = [
+        ("max-gaussians", limit.as_str()),
+        ("rays", "512"),
+        ("base-fields", "tiny"),
+        ("motion-fields", "tiny"),
+    ];
+    let has = |id: &str| method.options.iter().any(|option| option.id == id);
+    let small = small.into_iter().filter(|(id, _)| has(id));
+    let lines = small.map(|(id, value)| format!("{id}={value}"));
+    let lines: Vec<String> = lines.chain(others.iter().cloned()).collect();
+    Options::parse(method.id, method.options, &lines).unwrap()
 }
 
 pub(crate) fn train<'a>(
