@@ -37,6 +37,8 @@ pub struct LeaderboardRequest {
     pub site: bool,
     /// Maximum number of rendered views per scene and method that the site shows beside their ground truth.
     pub views: usize,
+    /// Address of the project, an `https` or `http` URL that every page of the site links to.
+    pub project: Option<String>,
     /// The program's own methods, for their pages.
     pub descriptions: Vec<MethodDescription>,
 }
@@ -196,6 +198,7 @@ fn site_of(
             verifications: &verifications,
             dataset: dataset.map(|(_, dataset)| dataset),
             views: request.views,
+            project: request.project.as_deref(),
             descriptions: &request.descriptions,
             has_values,
             footer: OnceLock::new(),

@@ -46,4 +46,5 @@ pub use omnilife_results::{
     Answer, AnswerFormat, RESULTS, TABLES, Table, render, table as results_table,
 };
 pub use questions::{QueryRequest, query};
+pub use site::is_web_address;
 pub use tables::{CSV_FILE, MARKDOWN_FILE, Tables, build};

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum, builder::PossibleValuesParser};
-use omnilife_leaderboard::{DatasetsFormat, RESULTS, TABLES};
+use omnilife_leaderboard::{DatasetsFormat, RESULTS, TABLES, is_web_address};
 
 use super::numbers;
 
@@ -167,6 +167,14 @@ pub(crate) struct GalleryArguments {
     pub(crate) panel_width: u16,
 }
 
+fn web_address(text: &str) -> Result<String, String> {
+    if is_web_address(text) {
+        Ok(text.to_owned())
+    } else {
+        Err("must be an address that begins with https:// or http://".to_owned())
+    }
+}
+
 /// `0.25,0.1,0.2`.
 fn inset(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> = text
@@ -232,6 +240,9 @@ pub(crate) struct LeaderboardBuildArguments {
     /// Rendered views per scene and method that the site shows, at most.
     #[arg(long, default_value_t = 4, value_name = "N", value_parser = numbers::whole::<usize>)]
     pub(crate) views: usize,
+    /// Address of the project, which every page of the site links to.
+    #[arg(long, value_name = "URL", value_parser = web_address)]
+    pub(crate) project: Option<String>,
     /// Makes the tables alone.
     #[arg(long)]
     pub(crate) no_site: bool,

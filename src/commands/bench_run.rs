@@ -150,6 +150,7 @@ pub(crate) fn execute(
             page: None,
             site: true,
             views: SITE_VIEWS,
+            project: None,
             descriptions: method_list::descriptions(),
         })?;
         let page = leaderboard.site.unwrap_or_default();

@@ -37,6 +37,7 @@ fn build(arguments: &LeaderboardBuildArguments, progress: &dyn Progress) -> anyh
         page: arguments.page.clone(),
         site: !arguments.no_site,
         views: arguments.views,
+        project: arguments.project.clone(),
         descriptions: method_list::descriptions(),
     };
     if arguments.check {

@@ -238,6 +238,7 @@ fn report(
             page: None,
             site: true,
             views: SITE_VIEWS,
+            project: None,
             descriptions: commands::method_list::descriptions(),
         },
         is_current,

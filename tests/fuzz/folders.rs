@@ -425,6 +425,7 @@ fn read_hostile_names(input: &Input) {
         page: None,
         site: true,
         views: 0,
+        project: None,
         descriptions: Vec::new(),
     });
     if built.is_ok() {

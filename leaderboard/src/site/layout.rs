@@ -60,6 +60,9 @@ pub(super) fn page(
                         @if request.dataset.is_some() {
                             (link(Place::Dataset, "dataset.html", "Dataset"))
                         }
+                        @if let Some(address) = request.project {
+                            a href=(address) rel="noopener noreferrer" { "Project" }
+                        }
                     }
                 }
                 main #content {

@@ -22,6 +22,13 @@ pub(super) struct Links {
     site: PathBuf,
 }
 
+/// Returns true for an address that a page may link to, `https` or `http`; other schemes could run scripts.
+pub fn is_web_address(text: &str) -> bool {
+    let host = ["https://", "http://"].map(|scheme| text.strip_prefix(scheme));
+    let host = host.into_iter().flatten().next();
+    host.is_some_and(|host| !host.is_empty() && !host.contains(char::is_whitespace))
+}
+
 impl Links {
     pub(super) fn between(results: &Path, site: &Path) -> Self {
         let absolute = |path: &Path| std::path::absolute(path).map(|path| normal(&path));
@@ -112,6 +119,22 @@ fn encoded(part: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pages_link_to_the_web_alone() {
+        for address in ["https://example.org", "http://localhost:8000/a?b"] {
+            assert!(is_web_address(address), "{address}");
+        }
+        for other in [
+            "javascript:alert(1)",
+            "example.org",
+            "https://",
+            "https://a b",
+            "",
+        ] {
+            assert!(!is_web_address(other), "{other}");
+        }
+    }
 
     #[test]
     fn ways_lead_up_to_what_is_shared_and_down_again() -> std::io::Result<()> {

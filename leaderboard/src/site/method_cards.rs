@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use maud::{Markup, html};
 use omnilife_schemas::records::{MethodCard, Verification};
 
+use super::links::is_web_address;
+
 /// Counts of verified results, by method.
 type Verifications = BTreeMap<String, Verification>;
 
@@ -48,7 +50,7 @@ pub(super) fn block(card: &MethodCard, verification: Option<&Verification>, open
 pub(super) fn code(address: Option<&str>) -> Markup {
     match address {
         None => html! { "not public" },
-        Some(address) if address.starts_with("https://") || address.starts_with("http://") => {
+        Some(address) if is_web_address(address) => {
             html! { a href=(address) rel="noopener noreferrer" { (address) } }
         }
         Some(other) => html! { (other) },

@@ -36,6 +36,7 @@ use omnilife_schemas::{
 
 use comparisons::Comparisons;
 use links::Links;
+pub use links::is_web_address;
 
 use crate::{
     description::MethodDescription,
@@ -134,6 +135,8 @@ pub(crate) struct SiteRequest<'a> {
     pub(crate) dataset: Option<&'a Dataset>,
     /// Maximum number of rendered views per scene and method.
     pub(crate) views: usize,
+    /// Address of the project.
+    pub(crate) project: Option<&'a str>,
     /// The program's own methods.
     pub(crate) descriptions: &'a [MethodDescription],
     /// True if there is a Parquet table of the results: at least one run must have succeeded.

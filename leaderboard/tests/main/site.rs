@@ -306,6 +306,7 @@ fn a_page_describes_a_method_of_this_program_alone() {
         }],
     };
     let request = LeaderboardRequest {
+        project: Some("https://example.org/project".to_owned()),
         descriptions: ["odgs", "periodic"].map(description).into(),
         ..request(&input, &folder.path().join("out"))
     };
@@ -330,6 +331,7 @@ fn a_page_describes_a_method_of_this_program_alone() {
         "With a sky.",
         "A &lt;paper&gt;",
         "degree of colour",
+        "<a href=\"https://example.org/project\" rel=\"noopener noreferrer\">Project</a>",
     ] {
         assert!(described.contains(text), "{text}");
     }

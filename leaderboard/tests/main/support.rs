@@ -69,6 +69,7 @@ pub(crate) fn request(results: &Path, out: &Path) -> LeaderboardRequest {
         page: None,
         site: true,
         views: 2,
+        project: None,
         descriptions: Vec::new(),
     }
 }
