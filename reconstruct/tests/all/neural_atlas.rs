@@ -201,11 +201,11 @@ fn psnr(image: &[f32], truth: impl Fn(usize) -> DVec3, is_scored: impl Fn(usize)
 
 const STEPS: u64 = 300;
 /// Rays of a step: a third of a frame's pixels.
-const RAYS: &str = "rays=6144";
+pub(crate) const RAYS: &str = "rays=6144";
 
 #[test]
 fn two_planes_are_taken_apart() {
-    take_two_planes_apart(false, 1).check();
+    take_two_planes_apart(false, 1, &[RAYS]).check();
 }
 
 /// Scores of an atlas of the two-plane clip.
@@ -232,11 +232,12 @@ impl TwoPlaneScores {
 }
 
 /// Trains on the two-plane clip and returns the scores of images, mattes, removal and trajectories.
-pub(crate) fn take_two_planes_apart(on_gpu: bool, seed: u64) -> TwoPlaneScores {
+pub(crate) fn take_two_planes_apart(on_gpu: bool, seed: u64, options: &[&str]) -> TwoPlaneScores {
     let begun = Instant::now();
     let method = methods::find("nag").unwrap();
+    let options: Vec<String> = options.iter().map(|&option| option.to_owned()).collect();
     let request = MethodRequest {
-        options: Options::parse("nag", method.options, &[RAYS.to_owned()]).unwrap(),
+        options: Options::parse("nag", method.options, &options).unwrap(),
         ..MethodRequest::new(STEPS, seed)
     };
     let AtlasStart {
