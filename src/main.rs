@@ -4,6 +4,7 @@
 mod cli;
 mod colour;
 mod commands;
+mod display;
 mod doctor;
 mod exit;
 mod memory_exhausted;
@@ -21,6 +22,7 @@ use cli::{Cli, Command};
 use progress::Terminal;
 
 fn main() -> ExitCode {
+    display::keep_drivers_quiet();
     omnilife_schemas::provenance::state_commit(env!("OMNILIFE_COMMIT"));
     exit::code_of(|| {
         let cli = Cli::of_arguments();

@@ -1,16 +1,23 @@
 //! Plans of training (`omnilife reconstruct plan`): costs in work, which repeat exactly.
 
+use assert_cmd::cargo::cargo_bin_cmd;
+
 use crate::support::{SEQUENCE, omnilife, small_run};
 
-/// Returns the printed plan of the sample.
-fn plan(method: &str, further: &[&str]) -> String {
+/// Returns the command line of a plan of the sample.
+fn arguments(method: &str, further: &[&str]) -> Vec<String> {
     let scene = small_run().out.join(SEQUENCE);
     let split = scene.join("per-scene/split.json");
     let mut arguments = vec!["reconstruct", "plan", scene.to_str().unwrap(), "--split"];
     arguments.extend([split.to_str().unwrap(), "--method", method]);
     arguments.extend(["--iterations", "30", "--set", "max-gaussians=300"]);
     arguments.extend(further);
-    omnilife(arguments).succeeded().stdout
+    arguments.into_iter().map(str::to_owned).collect()
+}
+
+/// Returns the printed plan of the sample.
+fn plan(method: &str, further: &[&str]) -> String {
+    omnilife(arguments(method, further)).succeeded().stdout
 }
 
 #[test]
@@ -53,4 +60,21 @@ fn a_plan_for_a_gpu_has_its_memory() {
         !on_cpu.lines().any(|line| line.starts_with("On ")),
         "{on_cpu}"
     );
+}
+
+/// Drivers that look for a display print errors where there is none.
+#[test]
+fn a_machine_without_a_display_is_not_an_error() {
+    if omnilife_engine::device::adapters::adapters().is_empty() {
+        omnilife_schemas::testing::skip("no GPU, not even a software one");
+        return;
+    }
+    let mut command = cargo_bin_cmd!("omnilife");
+    for name in ["XDG_RUNTIME_DIR", "WAYLAND_DISPLAY", "DISPLAY"] {
+        command.env_remove(name);
+    }
+    command.args(arguments("odgs", &["--backend", "gpu", "--quiet"]));
+    let output = command.output().unwrap();
+    assert!(output.status.success());
+    assert_eq!(String::from_utf8(output.stderr).unwrap(), "");
 }
