@@ -16,6 +16,7 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     methods::{METHODS, Method, deformable, panogs, requirement::Requirement},
+    options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::Session,
