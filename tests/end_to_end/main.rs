@@ -55,7 +55,6 @@ mod rendering;
 mod roads;
 mod sample_poses;
 mod shards;
-mod splat_peers;
 mod splatters;
 mod stages;
 mod stills;

@@ -1,6 +1,6 @@
 // Reads a file of Gaussians of degree 3 with Spark (2.2 stops at others) and writes what it read as SPZ.
 //
-// usage: spark_transcodes.mjs NODE_MODULES FILE OUT.spz
+// usage: convert_spark.mjs NODE_MODULES FILE OUT.spz
 //
 // NODE_MODULES is the folder that npm installed @sparkjsdev/spark and three into.
 import fs from "node:fs";
