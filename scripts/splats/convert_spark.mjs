@@ -25,7 +25,10 @@ for (let attempt = 0; ; attempt++) {
     process.exit(0);
   } catch (error) {
     // Its WebAssembly is not there at once, and nothing says when it is.
-    if (attempt === 50 || !(error instanceof TypeError)) throw error;
+    if (attempt === 50 || !(error instanceof TypeError)) {
+      console.error(`convert_spark: ${input.pathOrUrl}: ${error.message}`);
+      process.exit(1);
+    }
     await new Promise((resolve) => setTimeout(resolve, 100));
   }
 }
