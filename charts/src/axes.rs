@@ -87,7 +87,7 @@ pub fn axes(titles: &Titles<'_>, margin: i32, curves: &[Curve]) -> Result<Axes, 
 }
 
 /// Returns 1, 2 and 5 times powers of ten in a range, for the labels of a logarithmic axis.
-fn round_numbers(low: f64, high: f64) -> Vec<f64> {
+pub(super) fn round_numbers(low: f64, high: f64) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
     decades
         .flat_map(|decade| [1.0, 2.0, 5.0].map(|digit| digit * 10_f64.powi(decade)))

@@ -7,7 +7,7 @@ use plotters::{
     style::text_anchor::{HPos, Pos, VPos},
 };
 
-use crate::{Area, ChartError, DrawingError, Titles, svg};
+use crate::{Area, ChartError, DrawingError, Titles, axes::round_numbers, svg};
 
 /// Colours of series in turn; they can be told apart without seeing red and green.
 const COLOURS: [RGBColor; 7] = [
@@ -32,6 +32,10 @@ const DASH_WIDTH: i32 = 18;
 const NAME_GAP: u32 = 16;
 /// Width of a letter of a name in a wide font.
 const LETTER_WIDTH: u32 = 6;
+
+/// Ratio of the ends of a logarithmic axis below which it has labels at 1, 2 and 5 times powers of ten: two decades, with
+/// a margin for rounding.
+const MOST_FINE_RATIO: f64 = 101.0;
 
 /// Draws series.
 macro_rules! lines {
@@ -99,15 +103,21 @@ pub fn log_log(
     let (x, y) = ranges(series);
     draw(size, caption, series, |builder| {
         let (x, y) = (decades(&x), decades(&y));
-        let mut chart = builder.build_cartesian_2d(x.log_scale(), y.log_scale())?;
-        mesh!(
-            chart,
-            titles,
-            8,
-            |value: &f64| short(*value),
-            |value: &f64| format!("{value:.0e}")
-        );
-        lines!(chart, series);
+        let x_label = |value: &f64| short(*value);
+        // Powers of ten alone would be a label or two.
+        if y.end / y.start < MOST_FINE_RATIO {
+            let labels = round_numbers(y.start, y.end);
+            let y = y.log_scale().with_key_points(labels);
+            let mut chart = builder.build_cartesian_2d(x.log_scale(), y)?;
+            mesh!(chart, titles, 8, x_label, x_label);
+            lines!(chart, series);
+        } else {
+            let mut chart = builder.build_cartesian_2d(x.log_scale(), y.log_scale())?;
+            mesh!(chart, titles, 8, x_label, |value: &f64| format!(
+                "{value:.0e}"
+            ));
+            lines!(chart, series);
+        }
         Ok(())
     })
 }

@@ -73,7 +73,7 @@ def look(browser):
     if asked.view:
         alike = likeness(at_time(browser, asked.time), expected_blocks(asked.view))
         print(f"a likeness of {alike:.3f} to the renderer")
-        if alike < 0.9:
+        if alike < 0.98:
             sys.exit("the page draws another view than the renderer")
     for number, seconds in enumerate(times if asked.screenshots else []):
         at_time(browser, seconds)

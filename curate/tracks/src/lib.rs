@@ -39,6 +39,7 @@ use omnilife_schemas::{
     elapsed::Stopwatch,
     ground_plane::Plane,
     layout::{SCENE_FILE, TRACKS_FILE},
+    plain_text::counted,
     posed_view::{PosedView, frames_of},
     progress::Progress,
     records::{Detection, Scale, Scene, Track, TrackStage, Tracks},
@@ -335,8 +336,9 @@ impl Tracking<'_> {
         };
         let in_groups: usize = groups.iter().map(Vec::len).sum();
         let reason = format!(
-            "{} objects of {in_groups} detections; {} are of nothing that lasts",
-            groups.len(),
+            "{} of {}; detections of no lasting object: {}",
+            counted(groups.len(), "object"),
+            counted(in_groups, "detection"),
             detections.len() - in_groups
         );
         stages.push(stage("association", association.id(), reason, begun));
@@ -361,9 +363,9 @@ impl Tracking<'_> {
             .flat_map(|track| self.filled(track, &detections, plane))
             .collect();
         let reason = format!(
-            "{} paths, their knots by BIC; {} objects left out; {} boxes fill gaps",
-            tracks.len(),
-            warnings.len() - told,
+            "{}, knots by BIC; {} left out; boxes in gaps: {}",
+            counted(tracks.len(), "path"),
+            counted(warnings.len() - told, "object"),
             filled.len()
         );
         detections.extend(filled);

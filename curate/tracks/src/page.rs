@@ -49,6 +49,14 @@ svg { display: block; width: 100%; max-width: 640px; height: auto; background: #
 table { border-collapse: collapse; font-size: 0.925rem; }
 th, td { padding: 0.25rem 0.75rem 0.25rem 0; text-align: left; vertical-align: top; border-bottom: 1px solid var(--rule); }
 td:last-child { white-space: nowrap; }
+@media (max-width: 40rem) {
+  main { padding-inline: 0.9rem; }
+  table, tbody { display: block; }
+  tr { display: grid; grid-template-columns: 6rem 1fr auto; border-bottom: 1px solid var(--rule); }
+  th, td { border: 0; }
+  tr > :nth-child(3) { grid-area: 2 / 1 / 2 / -1; }
+  svg text { font-size: 26px; }
+}
 </style>
 </head>
 <body>
@@ -168,12 +176,32 @@ fn plan(tracks: &Tracks, views: &[PosedView]) -> String {
             let at = place(end);
             let _ = writeln!(
                 svg,
-                "<circle cx=\"{0:.1}\" cy=\"{1:.1}\" r=\"4\" fill=\"{colour}\"/><text x=\"{0:.1}\" y=\"{1:.1}\">{id}</text>",
-                at.x, at.y
+                "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"4\" fill=\"{colour}\"/><text x=\"{:.1}\" y=\"{:.1}\">{id}</text>",
+                at.x,
+                at.y,
+                at.x + 6.0,
+                at.y - 6.0
             );
         }
     }
-    svg + "</svg>\n"
+    svg + &scale_bar(scale / tracks.metres_per_unit) + "</svg>\n"
+}
+
+/// Returns a bar of a round length at the lower left of a plan with this number of pixels per metre.
+fn scale_bar(pixels_per_metre: f64) -> String {
+    let longest = PLAN / 4.0 / pixels_per_metre;
+    let decade = 10_f64.powf(longest.log10().floor());
+    let factor = [5.0, 2.0]
+        .into_iter()
+        .find(|factor| decade * factor <= longest);
+    let metres = decade * factor.unwrap_or(1.0);
+    let (bottom, right) = (PLAN - 8.0, 20.0 + metres * pixels_per_metre);
+    format!(
+        "<path d=\"M20 {0} V{bottom} H{right:.1} V{0}\" fill=\"none\" stroke=\"#111\"/>\
+         <text x=\"{1:.1}\" y=\"{bottom}\">{metres} m</text>\n",
+        bottom - 6.0,
+        right + 6.0
+    )
 }
 
 fn frame(
@@ -199,7 +227,7 @@ fn frame(
         .map_err(|error| TracksError::internal(&file, error))?;
     let mut html = format!(
         "<figure><figcaption>{:.2} s</figcaption>\
-         <svg viewBox=\"0 0 {full_width} {full_height}\" role=\"img\" aria-label=\"Frame {} with boxes\">\n\
+         <svg viewBox=\"0 0 {full_width} {full_height}\" style=\"max-width: {width}px\" role=\"img\" aria-label=\"Frame {} with boxes\">\n\
          <image href=\"data:image/jpeg;base64,{}\" width=\"{full_width}\" height=\"{full_height}\"/>\n",
         view.seconds,
         view.frame,

@@ -55,7 +55,7 @@ impl Tracking<'_> {
             }
         }
         let seconds = observations.first().map_or(0.0, |first| first.view.seconds);
-        let named = format!("what is first seen at {seconds:.2} s");
+        let named = format!("the object first seen at {seconds:.2} s");
         let kept = without_cut_ends(&observations);
         let fitted = spline_fit::fit(kept, sigma_distance)
             .ok_or_else(|| format!("{named} has no path that fits its detections"))?;
@@ -70,7 +70,7 @@ impl Tracking<'_> {
         let spread = self.spread(kept, &fitted.spline);
         if farthest * self.metres_per_unit < LEAST_DISPLACEMENT || farthest < 3.0 * spread {
             return Err(format!(
-                "{named} gets {:.2} m away from there and is taken for static",
+                "{named} moves {:.2} m at most and counts as static",
                 farthest * self.metres_per_unit
             ));
         }

@@ -92,9 +92,9 @@ fn made_from(request: &SiteRequest<'_>) -> Markup {
             @match commits.len() {
                 0 => "The results do not say which commit they were made at.",
                 1..=3 => {
-                    "Results were made at " @for commit in &commits { code { (commit) } " " }
+                    "Commits of the results:" @for commit in &commits { " " code { (commit) } } "."
                 }
-                more => { "Results were made at " (more) " commits, which scene pages name." }
+                more => { "The results are of " (more) " commits, which scene pages name." }
             }
         }
         p {

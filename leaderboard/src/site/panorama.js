@@ -19,8 +19,13 @@ class LookAround {
     const tools = document.querySelector(".look-tools");
     if (tools) {
       tools.hidden = false;
-      this.toggle.addEventListener("change", () => this.change());
-      tools.querySelector(".look-ahead").addEventListener("click", () => {
+      const ahead = tools.querySelector(".look-ahead");
+      ahead.disabled = !this.isOn;
+      this.toggle.addEventListener("change", () => {
+        ahead.disabled = !this.isOn;
+        this.change();
+      });
+      ahead.addEventListener("click", () => {
         this.ahead();
         this.change();
       });

@@ -37,16 +37,16 @@ pub const METHOD: Method = Method {
     id: "omni4dgs-plus",
     title: "Omni4DGS, ours",
     source: "this project; after OmniLife360, section 4",
-    description: "omni4dgs with lifespans of half the gap between input views, two frames and 66 ms at \
-                  least, first velocities from the masks' connected components, a cycle of twenty such lifespans, so that \
-                  Gaussians move nearly straight while they live, temporal smoothing as in PVG over as many \
-                  frames, less weight on the dynamic Gaussians alone where input views are dense, and no \
+    description: "omni4dgs with lifespans of half the gap between input views, at least two frames and 66 ms. First \
+                  velocities come from the masks' connected components. A cycle of twenty lifespans makes \
+                  Gaussians move nearly straight while they live. Temporal smoothing is that of PVG, over as many \
+                  frames. The dynamic Gaussians alone have less weight where input views are dense. There is no \
                   density control in time: dynamic Gaussians are there at the moments between input views too. \
-                  All aids, which other methods can have: gains of a camera's automatic exposure taken out, \
-                  colours that depend on the direction where the scene's do, poses refined where they are off, \
-                  larger steps where the schedule is short, steps that leave Gaussians out where few views see \
-                  most points, points of a spherical sweep where the scene's leave surfaces bare, seeds on \
-                  masked pixels, and scene points without time where nothing changes. Below the \
+                  All aids, which other methods can have, act where the scene gives reason. They take out the \
+                  gains of a camera's automatic exposure, let colours depend on the direction, and refine poses \
+                  that are off. They take larger steps where the schedule is short, and steps without some of the \
+                  Gaussians where few views see most points. They add points of a spherical sweep on bare \
+                  surfaces, seeds on masked pixels, and scene points without time where nothing changes. Below the \
                   limit on their number Gaussians with time grow first. Components are left out \
                   where a scene gives no reason for them. On request, in forms that act: \
                   velocity-decomposition and motion-regularization.",

@@ -66,7 +66,7 @@ const labelSegment = () => {
 };
 
 const nameChoice = (box, groups) => {
-  box.append(element("option", { value: "", textContent: "not said" }));
+  box.append(element("option", { value: "", textContent: "not stated" }));
   for (const group of groups) {
     const options = group.members.map((name) => element("option", { value: name, textContent: name }));
     box.append(element("optgroup", { label: group.name }, options));

@@ -57,7 +57,7 @@ fn rejects(rejects: &[Reject]) -> Markup {
     html! {
         @if !rejects.is_empty() {
             details {
-                summary { (counted(rejects.len(), "reject")) " and remarks, with their values" }
+                summary { "Rejects and remarks, with their values: " (rejects.len()) }
                 @if rejects.len() > MOST_REJECTS {
                     p.hint { "The first " (MOST_REJECTS) "; attrition.csv has all." }
                 }

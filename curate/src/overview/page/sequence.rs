@@ -105,7 +105,7 @@ fn shown_find(status: &SequenceStatus, find: &Find) -> Markup {
 }
 
 fn shown_frame(status: &SequenceStatus, frame: &SheetFrame) -> Markup {
-    let place = format!("Frame {}, {:.1} s", frame.number, frame.time_seconds);
+    let place = format!("Frame {}, {:.2} s", frame.number, frame.time_seconds);
     html! {
         figure {
             @match &frame.shown {

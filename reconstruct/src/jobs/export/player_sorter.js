@@ -87,7 +87,7 @@ function colourOf(index, x, y, z, degree) {
 
 function order({ time, eye, right, down, ahead, tangents, later }, buffer) {
   const { count, position, reach, velocity, peak, lasting, cycle, object, objects, degree, near } = scene;
-  const { depth, bits, found, away, slots } = scene;
+  const { distance, bits, found, away, slots } = scene;
   const poses = objects.map((each) => poseOf(each, time));
   const [ex, ey, ez] = eye;
   const [rx, ry, rz] = right;
@@ -117,12 +117,16 @@ function order({ time, eye, right, down, ahead, tangents, later }, buffer) {
       x += velocity[3 * i] * way; y += velocity[3 * i + 1] * way; z += velocity[3 * i + 2] * way;
     }
     x -= ex; y -= ey; z -= ez;
+    const squared = x * x + y * y + z * z;
+    // A Gaussian longer than its distance has no shape in the image: the renderer leaves it out too.
+    if (squared <= reach[i] * reach[i]) continue;
     const forward = x * ax + y * ay + z * az;
     const margin = 3 * reach[i];
     const lower = x * dx + y * dy + z * dz;
     if (forward <= near || lower < top * forward - margin || lower > bottom * forward + margin
         || Math.abs(x * rx + y * ry + z * rz) > across * forward + margin) continue;
-    depth[visible] = forward;
+    // By distance, as the renderer does: Gaussians beside the image are far, though they have little depth.
+    distance[visible] = Math.sqrt(squared);
     // Bits of a positive float rise with it.
     const key = bits[visible];
     if (key < nearest) nearest = key;
@@ -266,8 +270,8 @@ function answer({ data }) {
   if (data.scene) {
     scene = data.scene;
     const { count } = scene;
-    scene.depth = new Float32Array(count);
-    scene.bits = new Uint32Array(scene.depth.buffer);
+    scene.distance = new Float32Array(count);
+    scene.bits = new Uint32Array(scene.distance.buffer);
     scene.found = new Uint32Array(count);
     scene.counts = new Uint32Array(KEYS);
     scene.logarithm = Float32Array.from(scene.opacity, (alpha) => 2 * Math.log(255 * alpha));

@@ -49,7 +49,8 @@ void main() {
     centre += vec3(unpackHalf2x16(m.x), rest.x) * way;
   }
   vec3 c = camera * (centre - eye);
-  if (alpha < 0.00393 || c.z < near) return;
+  float largest = max(max(sizes.x, sizes.y), more.x);
+  if (alpha < 0.00393 || c.z < near || dot(c, c) <= largest * largest) return;
   vec3 p = q.xyz * q.xyz, o = q.yzx * q.zxy, w = q.w * q.xyz;
   mat3 axes = camera * mat3(
     sizes.x * vec3(1.0 - 2.0 * (p.y + p.z), 2.0 * (o.z + w.z), 2.0 * (o.y - w.y)),

@@ -82,21 +82,23 @@ impl Page {
             ),
             PageState::Ended => (String::new(), format!("Ended after iteration {done}.")),
         };
-        let mut body = String::new();
+        let mut now = String::new();
         if let Some(image) = image {
             let image = for_html(image);
-            body += &format!(
+            now += &format!(
                 "<figure><img src=\"{image}\" alt=\"The latest novel view\">\
                  <figcaption>The latest novel view</figcaption></figure>\n"
             );
         }
+        now += &numbers(trace.last());
+        let mut curves = String::new();
         let quality = series(trace, &DECIBELS, |_| true);
         if !quality.is_empty() {
             let titles = Titles {
                 x: "wall-clock time (s)",
                 y: "PSNR (dB)",
             };
-            body += &in_two_sizes(|size| over_log_x(size, "Quality", &titles, &quality))?;
+            curves += &in_two_sizes(|size| over_log_x(size, "Quality", &titles, &quality))?;
         }
         let loss = series(trace, &LOSS, |value| value > 0.0);
         if !loss.is_empty() {
@@ -104,13 +106,13 @@ impl Page {
                 x: "wall-clock time (s)",
                 y: "loss",
             };
-            body += &in_two_sizes(|size| log_log(size, "Loss", &titles, &loss))?;
+            curves += &in_two_sizes(|size| log_log(size, "Loss", &titles, &loss))?;
         }
         Ok(TEMPLATE
             .replace("@RELOAD@", &reload)
             .replace("@WORDS@", &words)
-            .replace("@NUMBERS@", &numbers(trace.last()))
-            .replace("@BODY@", &body)
+            .replace("@NOW@", &now)
+            .replace("@CURVES@", &curves)
             // Last: it comes from files of others.
             .replace("@TITLE@", &for_html(&self.title)))
     }
@@ -126,8 +128,8 @@ fn in_two_sizes(
     ))
 }
 
-/// Loads the page anew while its box is ticked.
-const RELOAD: &str = r##"<p><label><input type="checkbox" id="reload"> Load anew every @SECONDS@ s</label></p>
+/// Reloads the page while its box is ticked.
+const RELOAD: &str = r##"<p><label><input type="checkbox" id="reload"> Reload every @SECONDS@ s</label></p>
 <script>
 const box = document.getElementById("reload");
 box.checked = location.hash !== "#still";
@@ -149,8 +151,10 @@ const TEMPLATE: &str = r##"<!DOCTYPE html>
 body { margin: 0; background: var(--paper); color: var(--ink); font: 1rem/1.5 system-ui, sans-serif; }
 main { max-width: 86rem; margin: 0 auto; padding: 0.5rem 1.25rem 2rem; }
 h1 { font-size: 1.6rem; line-height: 1.2; margin: 1rem 0 0.5rem; overflow-wrap: anywhere; }
-.all { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 36rem), 1fr)); gap: 1.25rem 2rem; align-items: start; }
-figure { margin: 0; }
+.all { display: grid; gap: 1.25rem 2rem; align-items: start; }
+/* Charts have their own size beside the rest: their texts are small. */
+@media (min-width: 76rem) { .all { grid-template-columns: minmax(0, 1fr) 760px; } }
+figure { margin: 0 0 1rem; }
 figcaption { color: var(--soft); font-size: 0.875rem; }
 img, svg { display: block; max-width: 100%; height: auto; }
 .narrow { display: none; }
@@ -176,8 +180,12 @@ td { text-align: right; font-variant-numeric: tabular-nums; }
 <p>@WORDS@</p>
 @RELOAD@
 <div class="all">
-@BODY@
-@NUMBERS@
+<div>
+@NOW@
+</div>
+<div>
+@CURVES@
+</div>
 </div>
 </main>
 </body>
@@ -237,7 +245,7 @@ fn in_words(column: &str, value: f64) -> (String, String) {
         (column.to_owned(), format!("{value:.4}"))
     };
     let name = name.replace('_', " ").replace("psnr", "PSNR");
-    (name.replace("cpu", "CPU"), value)
+    (name.replace("cpu", "CPU").replace("table", "model"), value)
 }
 
 #[cfg(test)]
