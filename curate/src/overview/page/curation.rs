@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::{Bar, bars, counted, drawn, duration};
+use super::{Bar, bars, drawn, duration};
 use crate::{
     attrition::{Attrition, FunnelStep, Reject},
     publish::{Statistics, Tally, is_annotated},
