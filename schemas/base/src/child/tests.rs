@@ -14,6 +14,8 @@ const GRACE_HERE: Duration = Duration::from_millis(300);
 const DETACHED: &str = r#"detached() {
   (setsid sh -c 'echo $$ > "$0.new"; mv "$0.new" "$0"; exec sleep 300' "$1" > /dev/null 2>&1 &)
   while ! test -e "$1"; do sleep 0.01; done
+  # By this name it is reported.
+  until test "$(cat "/proc/$(cat "$1")/comm")" = sleep; do sleep 0.01; done
 }
 "#;
 
