@@ -2,7 +2,7 @@
 
 use std::env;
 
-/// Keeps Mesa from looking for a display where there is none.
+/// Keeps Mesa from looking for a display on a machine without one.
 ///
 /// Its layer that sorts adapters asks a display server, and each list of adapters would print `error: XDG_RUNTIME_DIR
 /// is invalid`. Adapters are sorted here in any case.

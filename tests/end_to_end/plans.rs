@@ -62,7 +62,7 @@ fn a_plan_for_a_gpu_has_its_memory() {
     );
 }
 
-/// Drivers that look for a display print errors where there is none.
+/// Drivers that look for a display in vain print errors.
 #[test]
 fn a_machine_without_a_display_is_not_an_error() {
     if omnilife_engine::device::adapters::adapters().is_empty() {
