@@ -340,7 +340,7 @@ impl ScoringJob {
         let strays = self.strays().count();
         if strays > 0 {
             warnings.push(format!(
-                "the predictions hold {} of no view that was scored",
+                "the predictions hold {} beyond the scored views",
                 plain_text::counted(strays, "image")
             ));
         }

@@ -118,7 +118,7 @@ fn findings(job: &ScoringJob, diagnosis: &Diagnosis, checked: &[Checked]) -> Vec
     findings.extend(repetitions(job, checked));
     findings.extend(job.strays().map(|name| Finding {
         view: None,
-        reason: format!("{name} is of no view that is scored"),
+        reason: format!("{name} is not among the scored views"),
     }));
     findings
 }

@@ -186,7 +186,7 @@ pub fn curate_dataset_in(
         // The sum of nothing is -0, which prints its sign.
         .map_or(0.0, |step| step.left_seconds + 0.0);
     progress.note(&format!(
-        "{} of {} give {} with {:.1} of {raw:.1} s; {} says where the rest went",
+        "kept {} of {}: {}, {:.1} of {raw:.1} s; {} has the reasons for the rest",
         attrition.funnel.last().map_or(0, |step| step.left_videos),
         counted(record.videos.len(), "video"),
         counted(attrition.kept_sequences, "sequence"),

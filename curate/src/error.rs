@@ -161,7 +161,7 @@ impl CurateError {
 pub(crate) fn in_words<'a>(failed: impl IntoIterator<Item = &'a CheckOutcome>) -> String {
     let words = failed.into_iter().map(|check| {
         format!(
-            "{} is {}, asked for {}",
+            "{} is {}, required: {}",
             check.check, check.value, check.threshold
         )
     });

@@ -33,12 +33,12 @@ pub(crate) struct MethodArguments {
     /// An option of the method; `reconstruct methods` lists them. May be repeated.
     #[arg(long = "set", value_name = "NAME=VALUE")]
     pub(crate) options: Vec<String>,
-    /// Uses components whatever the scene says, those too that the method does not have by itself;
-    /// `reconstruct methods` lists them. `aids` are all that help any method, where the scene gives reason.
+    /// Adds components that the plan leaves out or that the method lacks; `reconstruct methods` lists them. `aids`
+    /// adds all aids that the scene gives reason for.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) with: Vec<String>,
-    /// Leaves out components of the method; `reconstruct methods` lists them. `aids` are all that help any
-    /// method: without `short-schedule`, one of them, step sizes are the published ones.
+    /// Leaves out components of the method; `reconstruct methods` lists them. `aids` leaves out all aids;
+    /// without the aid `short-schedule`, step sizes are the published ones.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) without: Vec<String>,
     /// Components of the method: auto takes those that the scene gives reason for, full takes all as

@@ -155,7 +155,7 @@ pub(crate) fn execute(
         })?;
         let page = leaderboard.site.unwrap_or_default();
         exit::print(&format!(
-            "{}\nTables with intervals: {}\nTo be opened in a browser: {}\n",
+            "{}\nTables with intervals: {}\nSite, for a browser: {}\n",
             exit::for_reader(&leaderboard.short, &leaderboard.markdown),
             arguments.out.join("leaderboard/tables").display(),
             page.display()

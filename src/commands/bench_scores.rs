@@ -100,8 +100,8 @@ fn result_text(result: &ResultRecord) -> String {
     }
     text += &unavailable_text(result);
     if result.training.is_none() && result.run_failure.is_none() {
-        text += "note: nothing says whether the method trains on each scene, which decides on the table that it is \
-                 ranked in: --class per-scene or --class without-training, or the --about card\n";
+        text += "note: the class of the method is not stated, so it is ranked among methods without one; state it with \
+                 --class per-scene, --class without-training or the --about card\n";
     }
     text
 }

@@ -304,7 +304,7 @@ fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<
     })?;
     publish::publish(&arguments.out, &PublishSettings::default(), progress)?;
     let page = overview::write_page(&arguments.out, progress)?;
-    progress.note(&format!("{}: to be opened in a browser", page.display()));
+    progress.note(&format!("{}: open it in a browser", page.display()));
     let printed = exit::print(&summary(&curated, &videos));
     let mut outcomes = Outcomes::default();
     for video in &curated.record.videos {

@@ -171,7 +171,9 @@ pub(crate) fn publish_dataset(
     let unstated = publish::unstated(&arguments.dataset)?;
     if !unstated.is_empty() {
         let unstated = unstated.join(", ");
-        progress.note(&format!("unstated: {unstated}; --about FILE states them"));
+        progress.note(&format!(
+            "the card lacks {unstated}; add them with --about FILE"
+        ));
     }
     let working = publish::working_files(&arguments.dataset)?;
     if !working.is_empty() {

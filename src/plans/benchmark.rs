@@ -212,7 +212,10 @@ pub(crate) fn scenes(paths: &[PathBuf]) -> anyhow::Result<Vec<(String, PathBuf)>
             search(path, &mut files)?;
             if files.len() == before {
                 let path = path.display();
-                return Err(BadRequest(format!("{path}: no {SCENE_FILE} below it")).into());
+                let reason = format!(
+                    "{path}: must hold a {SCENE_FILE}, in it or below; `curate poses` and `curate import` write one"
+                );
+                return Err(BadRequest(reason).into());
             }
         } else {
             files.push(path.clone());

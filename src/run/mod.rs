@@ -135,7 +135,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         score_all(&job, &videos, &curated, &arguments.out, made)
     })?;
     let page = overview::write_page(&arguments.out, progress)?;
-    progress.note(&format!("{}: to be opened in a browser", page.display()));
+    progress.note(&format!("{}: open it in a browser", page.display()));
     // A closed pipe must not turn a failure into a success.
     outcomes.as_result()?;
     printed
@@ -244,7 +244,7 @@ fn report(
         is_current,
     )?;
     exit::print(&format!(
-        "{}\n{}\nTable: {}\nTo be opened in a browser: {}\n{next}",
+        "{}\n{}\nTable: {}\nSite, for a browser: {}\n{next}",
         exit::for_reader(&tables.short, &tables.markdown),
         outcomes.text(),
         tables.markdown_file.display(),

@@ -151,7 +151,7 @@ fn a_rectilinear_video_with_the_way_out() {
         "its image is rectilinear",
         "projection is rectilinear",
     );
-    assert_refused_for(&video, "--accept erp", "asked for erp or erp-squeezed");
+    assert_refused_for(&video, "--accept erp", "required: erp or erp-squeezed");
 }
 
 #[test]
@@ -304,7 +304,10 @@ fn names_that_are_not_known() {
         "there is no method \"nerf\"; known: odgs",
     );
     assert_request_refused(&["--protocol", "mine"], "\"mine\"; known: per-scene");
-    assert_request_refused(&["--criteria", "best"], "there are omnilife360, none");
+    assert_request_refused(
+        &["--criteria", "best"],
+        "must be omnilife360, none or a .toml file, got \"best\"",
+    );
 }
 
 #[test]

@@ -118,7 +118,7 @@ impl fmt::Display for DiagnosisKind {
             ),
             Self::CopiesOfGivenViews { copies, views } => write!(
                 f,
-                "{copies} of {views} that were looked at are copies of given views"
+                "{copies} of {views} compared are copies of input views"
             ),
             Self::RepeatedFrames {
                 identical,

@@ -1,34 +1,6 @@
 //! `method.toml`: description of a method and its commands.
 //!
-//! ```toml
-//! id = "mine"                        # its name in the tables
-//! source = "https://example.org/mine"    # optional
-//! licence = "MIT"                    # optional
-//! time_limit_seconds = 86400         # per command, optional; then SIGTERM, and SIGKILL 5 s later
-//!
-//! [environment]                      # optional
-//! kind = "venv"                      # plain, venv, conda or container
-//! path = "/opt/mine/venv"
-//!
-//! [prepare]                          # optional
-//! command = ["{omnilife}", "curate", "export", "{scene}", "--format", "openmvg", "--out", "{work}/data"]
-//! [train]                            # left out by feed-forward methods
-//! command = ["python", "{folder}/train.py", "--scene", "{scene}", "--split", "{split}"]
-//! [render]
-//! command = ["python", "{folder}/render.py", "--out", "{work}/views", "--seed", "{seed}"]
-//!
-//! [predictions]                      # where [render] leaves its views
-//! novel = "{work}/views/{frame:06}.png"
-//! input = "{work}/views/{frame:06}.png"  # optional
-//! [predictions.cell]                 # optional: where its images are grids with the view in one cell
-//! columns = 2
-//! column = 1                         # from 0
-//! ```
-//!
-//! A pattern with `{face}`, `{face_name}` or `{face_index}` names the faces of a cube: the panorama is put together from
-//! them. Images that are neither PNG nor NPY are converted to PNG.
-//!
-//! The texts in braces are those of `placeholders.rs`.
+//! `docs/guides/external.md` has the format. The texts in braces are those of `placeholders.rs`.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)

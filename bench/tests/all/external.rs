@@ -1,8 +1,14 @@
 //! External methods, run by their own commands: stand-ins are shell scripts.
 
-use std::{fs, path::PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
-use omnilife_bench::{ExternalRequest, Predictions, ScoreRequest, run_external, score, validate};
+use omnilife_bench::{
+    ExternalRequest, Predictions, ScoreRequest, external::manifest::Manifest, run_external, score,
+    validate,
+};
 use omnilife_schemas::{
     Classified, ErrorKind,
     progress::Silent,
@@ -13,6 +19,16 @@ use scenes::scene;
 use scoring::Bench;
 
 use crate::{scenes, scoring};
+
+#[test]
+fn the_example_of_the_guide_is_a_manifest() {
+    let guide = include_str!("../../../docs/guides/external.md");
+    let example = guide.split("```toml\n").nth(1).unwrap();
+    let example = example.split("```").next().unwrap();
+    let manifest = Manifest::from_bytes(Path::new("method.toml"), example.as_bytes()).unwrap();
+    assert_eq!(manifest.id, "mine");
+    assert_eq!(manifest.predictions.cell.unwrap().column, 1);
+}
 
 /// A scene, and a method whose commands run in `sh`.
 struct ScriptedMethod {

@@ -109,7 +109,7 @@ fn images_in_other_formats_are_named() {
     );
     // Such a format is named only where it lies beside a prediction of the same frame.
     let has = |part: &str| result.warnings.iter().any(|line| line.contains(part));
-    assert!(!has("of no view that was scored"));
+    assert!(!has("beyond the scored views"));
     assert!(has("000003.jpg") && !has("0.JPG"));
 }
 

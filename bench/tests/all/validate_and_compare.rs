@@ -67,7 +67,7 @@ fn every_bad_file_is_listed() {
             "input: 000003.png is black",
             "input: 000005.png is the ground truth, byte for byte",
             "input: 000007.png is the same image as that of input view 6",
-            "stray: 000010.png is of no view that is scored",
+            "stray: 000010.png is not among the scored views",
         ]
     );
     assert!(!bench.at("out").exists(), "nothing is written");

@@ -160,7 +160,7 @@ pub fn criteria(name: &str, video: &Path) -> Result<Criteria, CurateError> {
             CurateError::input(
                 video,
                 format!(
-                    "criteria {name} are not known; there are {}, and .toml files",
+                    "criteria must be {} or a .toml file, got {name:?}",
                     known.join(", ")
                 ),
             )

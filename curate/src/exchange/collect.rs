@@ -77,7 +77,7 @@ pub(super) fn collect(
     };
     if split.is_none() {
         progress.note(&format!(
-            "{}: no split is given: frames for testing are not marked, and all are for training",
+            "{}: no split is given (--split): all frames are for training",
             scene.id
         ));
     }

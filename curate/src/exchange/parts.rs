@@ -85,7 +85,7 @@ impl Part {
                 "no estimated distances: those",
             ),
             Self::Scale => (scene.scale == Scale::Metres)
-                .then(|| "no unit of the world: that it is a metre is left out".to_owned()),
+                .then(|| "no unit of the world: metres are left out".to_owned()),
             Self::UnposedFrames => {
                 let unposed =
                     |frame: &&SceneFrame| !frame.pose.as_ref().is_some_and(Pose::is_valid);

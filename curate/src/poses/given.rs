@@ -86,14 +86,9 @@ pub(super) fn read(
         return Err(CurateError::input(
             path,
             format!(
-                "fits no frame of {} ({} frames from {:.3} s to {:.3} s)",
+                "fits no frame of {}: {}",
                 frames.id,
-                frames.entries.len(),
-                frames
-                    .entries
-                    .first()
-                    .map_or(0.0, |first| first.time_seconds),
-                frames.entries.last().map_or(0.0, |last| last.time_seconds)
+                posed.validation.problems.join("; ")
             ),
         ));
     }

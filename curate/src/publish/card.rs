@@ -9,11 +9,9 @@ use omnilife_schemas::{
 };
 
 use super::{
-    Release,
-    figures::{FIGURES, Figure},
-    licence,
+    Release, figures, licence,
     statements::unstated,
-    statistics::{DISTRIBUTIONS, Statistics, duration_in_words, is_annotated},
+    statistics::{Statistics, duration_in_words, is_annotated},
 };
 
 /// Writes the card. Dataset hubs read the head between dashes.
@@ -303,9 +301,7 @@ fn line(text: &mut String, line: &str) {
 
 fn distributions(text: &mut String, statistics: &Statistics) {
     line(text, "## Statistics\n");
-    let (drawn, missing): (Vec<&Figure>, Vec<&Figure>) = FIGURES
-        .iter()
-        .partition(|figure| is_annotated(&figure.tallies(statistics)));
+    let (drawn, missing) = figures::with_classes(statistics);
     for figure in drawn {
         line(
             text,
@@ -321,19 +317,21 @@ fn distributions(text: &mut String, statistics: &Statistics) {
     }
     line(
         text,
-        "| | class | sequences | share | hours |\n|---|---|--:|--:|--:|",
+        "| | class | sequences | share | length |\n|---|---|--:|--:|--:|",
     );
-    for distribution in DISTRIBUTIONS {
-        for (class, tally) in statistics.tally(distribution) {
+    for (property, tallies) in statistics.distributions() {
+        if !is_annotated(&tallies) {
+            continue;
+        }
+        for (class, tally) in tallies {
             line(
                 text,
                 &format!(
-                    "| {} | {} | {} | {:.1} % | {:.3} |",
-                    distribution.id,
+                    "| {property} | {} | {} | {:.1} % | {} |",
                     for_markdown(&class),
                     tally.sequences,
                     100.0 * tally.sequences as f64 / statistics.rows.len() as f64,
-                    tally.seconds / 3600.0
+                    duration_in_words(tally.seconds)
                 ),
             );
         }

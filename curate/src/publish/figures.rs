@@ -3,7 +3,7 @@
 use omnilife_charts::Bar;
 use omnilife_schemas::plain_text::counted;
 
-use super::statistics::{DISTRIBUTIONS, Statistics, Tally, duration_in_words};
+use super::statistics::{DISTRIBUTIONS, Statistics, Tally, duration_in_words, is_annotated};
 use crate::error::CurateError;
 
 /// A figure.
@@ -18,7 +18,7 @@ pub(super) struct Figure {
 }
 
 /// All figures.
-pub(super) const FIGURES: &[Figure] = &[
+const FIGURES: &[Figure] = &[
     Figure {
         file: "groups.svg",
         title: "Sequences per semantic group",
@@ -60,6 +60,15 @@ impl Figure {
             .map(|distribution| statistics.tally(distribution))
             .unwrap_or_default()
     }
+}
+
+/// Returns the figures that show classes, and those of properties that no sequence is annotated with.
+pub(super) fn with_classes(
+    statistics: &Statistics,
+) -> (Vec<&'static Figure>, Vec<&'static Figure>) {
+    FIGURES
+        .iter()
+        .partition(|figure| is_annotated(&figure.tallies(statistics)))
 }
 
 /// Draws a figure. Bars are shares of all sequences, so that figures can be compared.

@@ -4,9 +4,9 @@
 //!
 //! ```text
 //! about.json                   name, licence and description, as its makers give them
-//! statistics/summary.csv       counts, hours, mean duration, share above two minutes
+//! statistics/summary.csv       counts, total and mean duration, share above two minutes
 //! statistics/sequences.csv     one row per sequence
-//! statistics/distributions.csv sequences and hours per group, scene, action, ego-motion, dynamics
+//! statistics/distributions.csv sequences and seconds per group, scene, action, ego-motion, dynamics
 //! statistics/*.svg             the distributions as figures
 //! tables/*.csv                 frames, masks, poses, points, annotations and splits
 //! videos/*/slices/metadata.csv the sequences beside their videos, as viewers of hubs read them
@@ -258,7 +258,7 @@ fn derived_files(
         |name: &str, content| files.push((format!("{STATISTICS_FOLDER}/{name}"), content));
     add("summary.csv", statistics.summary_csv()?);
     add("distributions.csv", statistics.distributions_csv()?);
-    for figure in figures::FIGURES {
+    for figure in figures::with_classes(statistics).0 {
         add(figure.file, figures::draw(figure, statistics)?);
     }
     Ok(files)

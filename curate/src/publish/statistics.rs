@@ -145,7 +145,7 @@ pub(crate) fn is_annotated(tallies: &[(String, Tally)]) -> bool {
 #[derive(Serialize)]
 struct SummaryRow {
     measure: &'static str,
-    value: f64,
+    value: String,
     unit: &'static str,
 }
 
@@ -156,7 +156,7 @@ struct DistributionRow<'a> {
     class: &'a str,
     sequences: usize,
     share: f64,
-    hours: f64,
+    seconds: f64,
 }
 
 impl Statistics {
@@ -239,9 +239,11 @@ impl Statistics {
     pub(super) fn summary_csv(&self) -> Result<String, CurateError> {
         let counts = |measure, count: usize| SummaryRow {
             measure,
-            value: count as f64,
+            value: count.to_string(),
             unit: "",
         };
+        // A count is an integer in the table, a measure never.
+        let decimal = |value: f64| format!("{value:?}");
         let frames: usize = self.rows.iter().map(|row| row.frames).sum();
         let posed = self.rows.iter().filter(|row| row.posed_frames > 0).count();
         table([
@@ -252,17 +254,17 @@ impl Statistics {
             counts("sampled frames", frames),
             SummaryRow {
                 measure: "total duration",
-                value: self.seconds() / 3600.0,
-                unit: "hours",
+                value: decimal(self.seconds()),
+                unit: "seconds",
             },
             SummaryRow {
                 measure: "mean duration",
-                value: self.mean_seconds(),
+                value: decimal(self.mean_seconds()),
                 unit: "seconds",
             },
             SummaryRow {
                 measure: "share above two minutes",
-                value: self.long_share(),
+                value: decimal(self.long_share()),
                 unit: "",
             },
         ])
@@ -282,7 +284,7 @@ impl Statistics {
                     class,
                     sequences: tally.sequences,
                     share: tally.sequences as f64 / self.rows.len() as f64,
-                    hours: tally.seconds / 3600.0,
+                    seconds: tally.seconds,
                 });
             }
         }

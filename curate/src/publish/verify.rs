@@ -34,7 +34,13 @@ const FUNNEL_TOLERANCE_SECONDS: f64 = 1e-6;
 /// When `folder` cannot be read or holds no dataset.
 pub fn verify(folder: &Path, progress: &dyn Progress) -> Result<Vec<String>, CurateError> {
     let mut faults = Faults::default();
-    let dataset: Dataset = store::read_record(&folder.join(DATASET_FILE))?;
+    let file = folder.join(DATASET_FILE);
+    if folder.is_dir() && !file.exists() {
+        let reason =
+            format!("must hold a {DATASET_FILE}; `curate VIDEO... --out DATASET` makes datasets");
+        return Err(CurateError::input(folder, reason));
+    }
+    let dataset: Dataset = store::read_record(&file)?;
     let files = checksums::files(folder)?;
     check_sums(folder, &files, &mut faults, progress);
     // Croissant's file is in a foreign format; like all derived files it is regenerated below.

@@ -50,7 +50,7 @@ fn rejects_and_sequences_add_up_to_what_went_in() {
     let said = notes.take().join("|");
     assert!(said.contains("copy.mp4: the same content as"), "{said}");
     assert!(
-        said.contains("2 of 5 videos give 3 sequences with 6.4 of 13.0 s"),
+        said.contains("2 of 5 videos: 3 sequences, 6.4 of 13.0 s"),
         "{said}"
     );
 

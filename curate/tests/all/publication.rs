@@ -199,6 +199,17 @@ fn statistics_without_any_class_share_a_line_instead_of_charts() {
         assert!(missing[0].contains(property), "{property}: {missing:?}");
     }
     assert!(!missing[0].contains("duration"), "{missing:?}");
+    let files = fs::read_dir(out.join("statistics")).unwrap();
+    let names = files.map(|entry| entry.unwrap().file_name());
+    let figures: Vec<_> = names
+        .filter(|name| name.to_string_lossy().ends_with(".svg"))
+        .collect();
+    assert_eq!(figures, ["durations.svg"]);
+    let card = fs::read_to_string(out.join("README.md")).unwrap();
+    assert!(
+        card.contains("| duration |") && !card.contains("| group |"),
+        "{card}"
+    );
 }
 
 /// A flight of a drone is not panoramic, and the release of its frames does not claim it.

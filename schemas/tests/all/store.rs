@@ -270,7 +270,10 @@ fn broken_records_are_input_errors_of_one_line() {
             "got Infinity at line 1 column 12",
         ),
         (b"{\"a\": nothing}", "expected ident"),
-        (b"\xff\xfe", "must be text in UTF-8"),
+        (
+            b"\xff\xfe",
+            "omnilife/dataset/1, got a file that is not text",
+        ),
     ] {
         fs::write(&path, content).unwrap();
         let error = store::read_record::<Dataset>(&path).unwrap_err();

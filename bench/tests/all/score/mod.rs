@@ -386,7 +386,7 @@ fn context_frames_are_never_scored() {
     // The four context frames among the novel views are strays; the input folder is not opened.
     assert_eq!(
         result.warnings,
-        ["the predictions hold 4 images of no view that was scored"]
+        ["the predictions hold 4 images beyond the scored views"]
     );
     bench.request.predictions = Predictions::Folders {
         input_views: Some(bench.at("input")),

@@ -78,7 +78,7 @@ fn stray_predictions_unposed_frames_and_doubtful_poses_are_told() {
     assert_eq!(
         bench.score().unwrap().warnings,
         [
-            "the predictions hold 1 image of no view that was scored",
+            "the predictions hold 1 image beyond the scored views",
             "2 of 12 frames have no pose and are not scored",
             "the scene's poses are unstable: too few points; jumps",
         ]

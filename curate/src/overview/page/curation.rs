@@ -67,7 +67,7 @@ fn rejects(rejects: &[Reject]) -> Markup {
                             th scope="col" { "video" }
                             th.words scope="col" { "check" }
                             th.words scope="col" { "value" }
-                            th.words scope="col" { "asked for" }
+                            th.words scope="col" { "required" }
                             th scope="col" { "from, s" }
                             th scope="col" { "to, s" }
                         } }

@@ -1,6 +1,7 @@
 //! Object graph: a static scene, and the Gaussians of each vehicle in coordinates that move with it.
 //!
-//! Source: "Dynamic urban scenes from UAV video" (S2). It trains 4DGF (Fischer et al., "Dynamic 3D Gaussian
+//! Source: Huang et al., "Dynamic Urban Scene Modeling with 3D Gaussian Splatting from UAV Full Motion Videos". It
+//! trains 4DGF (Fischer et al., "Dynamic 3D Gaussian
 //! Fields for Urban Areas", `NeurIPS` 2024) on tracks that it finds itself.
 
 mod initial;
@@ -44,8 +45,8 @@ use self::path_alignment::PathSurvey;
 pub const METHOD: Method = Method {
     id: "object-graph",
     title: "Object graph",
-    source: "Dynamic urban scenes from UAV video (S2), after T. Fischer et al., Dynamic 3D Gaussian \
-             Fields for Urban Areas, NeurIPS 2024",
+    source: "D. Huang et al., Dynamic Urban Scene Modeling with 3D Gaussian Splatting from UAV Full Motion \
+             Videos, after T. Fischer et al., Dynamic 3D Gaussian Fields for Urban Areas, NeurIPS 2024",
     description: "Static Gaussians as odgs has them, and per tracked vehicle Gaussians that rest in \
                   its box and move with its path; trained together. On request path-alignment \
                   refits paths to where the images show their vehicles' patches, before training, and \
@@ -65,7 +66,9 @@ pub const METHOD: Method = Method {
                   back to its side instead of being pruned; no anti-aliasing factor; the black \
                   background of odgs, not a random one; what does not move is static, whatever found it; \
                   static Gaussians begin at the points that came with the poses, or at those of `omnilife \
-                  curate dense`; distances of vehicles are those of the ground around them, of a monocular \
+                  curate dense`, and those of objects where pixels' rays enter their boxes; sizes of vehicles are the best \
+                  of a grid of usual ones by their outlines, not extents of lifted pixels; motion finds nothing \
+                  below 2 square metres, so people are left out; distances of vehicles are those of the ground around them, of a monocular \
                   network where somebody gives its estimates. Aids as odgs has them.",
     components: &[
         OBJECT_GRAPH,

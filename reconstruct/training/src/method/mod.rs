@@ -6,7 +6,7 @@ pub mod requirement;
 
 use omnilife_schemas::{
     elapsed::{Elapsed, Stopwatch},
-    names,
+    names::{self, UnknownName},
     records::{ComponentDecision, Lift},
 };
 
@@ -331,8 +331,17 @@ impl Method {
         };
         let kind = format!("{} component", self.id);
         let mut all: Vec<&str> = [self.components, self.optional_components].concat();
+        // One name may be a misspelt plan.
+        let plans: &[&str] = if in_plan.len() == 1 {
+            &["auto", "full"]
+        } else {
+            &[]
+        };
         for name in in_plan {
-            names::find(&kind, name, &all, |component| component)?;
+            if !all.contains(&name.as_str()) {
+                let known = plans.iter().chain(&all).copied();
+                return Err(UnknownName::new(&kind, name, known).into());
+            }
         }
         all.extend(self.supported().aids().next().map(|_| aids::ALL));
         for name in request.without.iter().chain(&request.with) {

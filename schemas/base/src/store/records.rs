@@ -101,7 +101,18 @@ fn tag(path: &Path, text: &str) -> Result<Option<String>, StoreError> {
 
 /// Reads a record and checks that it has the requested schema.
 pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
-    let text = read_text(path)?;
+    let text = read_text(path).map_err(|error| match error {
+        StoreError::Read { source, .. } if source.kind() == io::ErrorKind::InvalidData => {
+            StoreError::malformed(
+                path,
+                format!(
+                    "must be a JSON record of schema {}, got a file that is not text",
+                    T::SCHEMA
+                ),
+            )
+        }
+        error => error,
+    })?;
     match tag(path, &text)?.as_deref() {
         Some(schema) if is_read_as::<T>(schema) => {}
         Some(schema) => {
