@@ -49,8 +49,20 @@ fn a_dynamic_run_is_one_file_that_is_rendered_as_the_run_is() {
     // The file is a source of other formats too.
     let again = folder.path().join("again");
     export(&file, &again, &["--format", "spz"]).succeeded();
-    let ended = export(&file, &again, &["--format", "gtime"]);
-    assert!(ended.stderr.contains("already"), "{}", ended.stderr);
+    // A page can be made of a file of another program, which stays as it is.
+    let copied = folder.path().join("copied");
+    export(&file, &copied, &["--format", "gtime", "--page"]).succeeded();
+    let same = |name: &str| {
+        let read = |folder: &Path| std::fs::read(folder.join(name)).unwrap();
+        assert_eq!(read(&copied), read(&out), "{name}");
+    };
+    same("full.gtime");
+    assert_eq!(asset(&copied)["placement"], record["placement"]);
+    assert_eq!(asset(&copied)["splats"], record["splats"]);
+    let up = ["--format", "gtime", "--up", "0,1,0"];
+    let ended = export(&file, &folder.path().join("turned"), &up);
+    assert_eq!(ended.code, Some(2));
+    assert!(ended.stderr.contains("--up"), "{}", ended.stderr);
     if let Some(reason) = no_browser() {
         omnilife_schemas::testing::skip(reason);
         return;

@@ -11,7 +11,8 @@ use omnilife_schemas::{
     ownership::OwnFile,
     progress::Progress,
     records::{
-        Asset, AssetChanges, AssetLevel, AssetMoment, AssetPage, AssetSource, InvalidGaussians,
+        Asset, AssetChanges, AssetLevel, AssetMoment, AssetPage, AssetPlacement, AssetSource,
+        InvalidGaussians,
     },
     stage::StagePlan,
     store,
@@ -77,6 +78,8 @@ impl TimeExport {
             "the file holds every moment: leave out --moments"
         } else if !is_file && request.with_page {
             "a page plays gtime or holds .splat levels: leave out the page, or the format spz-sequence"
+        } else if is_file && request.up.is_some() && in_time::is_named(&request.gaussians) {
+            "a file in time keeps its axes: leave out --up"
         } else {
             return Ok(());
         };
@@ -108,6 +111,9 @@ pub(super) fn export(
     let source = asset_source(request, record, None)?;
     let refuse = |reason: String| ReconstructError::scene(&request.gaussians, reason);
     let content = match kind {
+        TimeExport::ClosedForms if in_time::is_named(&request.gaussians) => {
+            Content::ClosedForms(in_time::copy(&request.gaussians)?)
+        }
         TimeExport::ClosedForms => {
             let placement = placement(&frame);
             let file = in_time::write(&model, &placement, &normalization, &mut invalid);
@@ -225,8 +231,14 @@ fn write_file(
     asset: &mut Asset,
 ) -> Result<(), ReconstructError> {
     store::write_bytes(&request.out.join(level_file()), &written.bytes)?;
+    let rotation = written.placement.rotation;
     asset.splats = written.gaussians;
     asset.changes.transparent = written.transparent;
+    asset.placement = AssetPlacement {
+        offset: written.placement.offset.to_array(),
+        scale: written.placement.scale,
+        rotation_wxyz: [rotation.w, rotation.x, rotation.y, rotation.z],
+    };
     asset.levels.push(AssetLevel {
         name: LEVEL.to_owned(),
         file: level_file(),

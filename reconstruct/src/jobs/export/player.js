@@ -158,7 +158,7 @@ if (gl) {
 
 const SLOW = 31;
 const FAST = 22;
-const LEAST_SHARE = 0.3;
+const LEAST_SHARE = 0.25;
 const pace = { share: gl ? 1 : 0.5, mean: 25, last: null, changed: 0 };
 // Takes the time of a frame that follows another; `last` is null after a rest.
 function measure(now) {

@@ -134,5 +134,35 @@ async function sceneOf(file) {
   if (all.some((values) => values.some((value) => !Number.isFinite(value)))) refuse("has a number that is not finite");
   if (scene.opacity.some((opacity) => opacity < 0 || opacity > 1)) refuse("has an opacity that is not in [0, 1]");
   if (scene.size.some((size) => size < 0) || scene.duration.some((duration) => !(duration > 0))) refuse("has a negative size or duration");
+  arrange(scene);
   return scene;
+}
+
+// Puts Gaussians that are close together beside each other, in place and in time: those at rest, those in time, each
+// object's. What a view does not see is then left out in blocks.
+function arrange(scene) {
+  const { count, position, peak, cycle, object } = scene;
+  if (count > 2 ** 24) return;
+  const axes = [0, 1, 2].map((axis) => (i) => position[3 * i + axis]).concat((i) => peak[i]);
+  const ranges = axes.map((value) => {
+    let [low, high] = [Infinity, -Infinity];
+    for (let i = 0; i < count; i++) { low = Math.min(low, value(i)); high = Math.max(high, value(i)); }
+    return [low, high - low || 1];
+  });
+  // The bits of a cell, every fourth of a key.
+  const apart = Array.from({ length: 32 }, (_, cell) => [0, 1, 2, 3, 4].reduce((bits, bit) => bits | (cell >> bit & 1) << 4 * bit, 0));
+  const keys = new Float64Array(count);
+  for (let i = 0; i < count; i++) {
+    let key = 0;
+    axes.forEach((value, axis) => { key |= apart[Math.floor(31.99 * (value(i) - ranges[axis][0]) / ranges[axis][1])] << axis; });
+    const group = object[i] >= 0 ? 2 + Math.min(object[i], 253) : cycle[i] >= 0 ? 1 : 0;
+    keys[i] = (group * 2 ** 20 + key) * 2 ** 24 + i;
+  }
+  keys.sort();
+  const rows = keys.map((key) => key % 2 ** 24);
+  for (const [name, width] of Object.entries({ ...WIDTHS, cycle: 1, least: 1, reach: 1, slot: 1 })) {
+    const from = scene[name];
+    const to = scene[name] = new from.constructor(from.length);
+    for (let at = 0; at < count; at++) for (let column = 0; column < width; column++) to[width * at + column] = from[width * rows[at] + column];
+  }
 }

@@ -85,10 +85,42 @@ function colourOf(index, x, y, z, degree) {
   return byte(red) | byte(green) << 8 | byte(blue) << 16 | 255 << 24;
 }
 
+// Number of neighbours that are left out together.
+const BLOCK = 64;
+// Bounds of each block: a sphere around its centres wherever they move (x, y, z, radius), three times the largest reach,
+// the first and the last time at which one is visible, and the object, -1 without, NaN for several.
+const BOUNDS = 8;
+function bounds({ count, position, reach, velocity, peak, lasting, cycle, object }) {
+  const all = new Float64Array(BOUNDS * Math.ceil(count / BLOCK));
+  for (let begin = 0, to = 0; begin < count; begin += BLOCK, to += BOUNDS) {
+    const end = Math.min(count, begin + BLOCK);
+    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    let moved = 0, margin = 0, first = Infinity, last = -Infinity, of = object[begin];
+    for (let i = begin; i < end; i++) {
+      const isInTime = cycle[i] >= 0;
+      if (object[i] !== of) of = NaN;
+      if (lasting[i] < 0) continue;
+      for (let axis = 0; axis < 3; axis++) {
+        low[axis] = Math.min(low[axis], position[3 * i + axis]);
+        high[axis] = Math.max(high[axis], position[3 * i + axis]);
+      }
+      margin = Math.max(margin, 3 * reach[i]);
+      first = Math.min(first, isInTime ? peak[i] - lasting[i] : -Infinity);
+      last = Math.max(last, isInTime ? peak[i] + lasting[i] : Infinity);
+      const speed = isInTime ? Math.hypot(velocity[3 * i], velocity[3 * i + 1], velocity[3 * i + 2]) : 0;
+      if (speed > 0) moved = Math.max(moved, speed * (cycle[i] > 0 ? cycle[i] / (2 * Math.PI) : lasting[i]));
+    }
+    const centre = low.map((value, axis) => (value + high[axis]) / 2);
+    all.set([...centre, Math.hypot(...low.map((value, axis) => high[axis] - value)) / 2 + moved, margin, first, last, of], to);
+  }
+  return all;
+}
+
 function order({ time, eye, right, down, ahead, tangents, later }, buffer) {
   const { count, position, reach, velocity, peak, lasting, cycle, object, objects, degree, near } = scene;
-  const { distance, bits, found, away, slots } = scene;
+  const { distance, bits, found, away, slots, blocks } = scene;
   const poses = objects.map((each) => poseOf(each, time));
+  const turns = poses.map((pose) => pose && matrixOf(...pose.slice(3)));
   const [ex, ey, ez] = eye;
   const [rx, ry, rz] = right;
   const [dx, dy, dz] = down;
@@ -97,7 +129,26 @@ function order({ time, eye, right, down, ahead, tangents, later }, buffer) {
   let visible = 0;
   let nearest = 0xffffffff;
   let farthest = 0;
+  const isOutside = (at) => {
+    if (time < blocks[at + 5] - later || time > blocks[at + 6]) return true;
+    let x = blocks[at], y = blocks[at + 1], z = blocks[at + 2];
+    const radius = blocks[at + 3], margin = blocks[at + 4], of = blocks[at + 7];
+    if (!(of < 0)) {
+      const pose = poses[of];
+      if (!pose) return pose === null;
+      const m = turns[of];
+      [x, y, z] = [m[0] * x + m[1] * y + m[2] * z + pose[0], m[3] * x + m[4] * y + m[5] * z + pose[1], m[6] * x + m[7] * y + m[8] * z + pose[2]];
+    }
+    x -= ex; y -= ey; z -= ez;
+    const forward = x * ax + y * ay + z * az;
+    const lower = x * dx + y * dy + z * dz;
+    const slack = (slope) => margin + radius * (1 + Math.abs(slope));
+    return forward + radius <= near || lower < top * forward - slack(top) || lower > bottom * forward + slack(bottom)
+      || Math.abs(x * rx + y * ry + z * rz) > across * forward + slack(across);
+  };
   for (let i = 0; i < count; i++) {
+    while (i < count && i % BLOCK === 0 && isOutside(BOUNDS * i / BLOCK)) i += BLOCK;
+    if (i >= count) break;
     const limit = lasting[i];
     const isInTime = cycle[i] >= 0;
     const d = time - peak[i];
@@ -282,6 +333,7 @@ function answer({ data }) {
       const share = Math.max(LEAST / alpha, least[index]);
       return share > 1 ? -1 : duration[index] * Math.sqrt(-2 * Math.log(share));
     });
+    scene.blocks = bounds(scene);
     scene.basis = new Float32Array(15);
     const isFlat = scene.degree === 0;
     // Places of the visible ones from the camera, and their order.

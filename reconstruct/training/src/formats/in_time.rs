@@ -97,6 +97,8 @@ pub struct WrittenInTime {
     pub gaussians: u64,
     /// Number of Gaussians that are left out because their opacity rounds to 0 in 8 bits.
     pub transparent: u64,
+    /// Its place in the world.
+    pub placement: Placement,
 }
 
 /// Returns a model in normalized coordinates as a file with this placement in the world. Gaussians that a file
@@ -167,6 +169,26 @@ pub fn write(
         bytes,
         gaussians: header.count(),
         transparent: writer.transparent,
+        placement: *placement,
+    })
+}
+
+/// Returns an existing file as it is.
+///
+/// # Errors
+/// When the file cannot be read, or its header is malformed.
+pub fn copy(path: &Path) -> Result<WrittenInTime, ReconstructError> {
+    let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
+    let (header, _) = split(&bytes).map_err(|reason| StoreError::malformed(path, reason))?;
+    Ok(WrittenInTime {
+        gaussians: header.count(),
+        transparent: 0,
+        placement: Placement {
+            offset: DVec3::from_array(header.frame.origin),
+            scale: header.frame.scale,
+            rotation: quaternion(header.frame.rotation),
+        },
+        bytes,
     })
 }
 

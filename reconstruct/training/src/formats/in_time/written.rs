@@ -71,7 +71,7 @@ impl PartWriter<'_> {
         } else if let Some((tracked, corrections)) = tracked {
             self.rigid(tracked, corrections, part)?
         } else if parameterization.id() == played::ID {
-            return Err("is a file in time already, which can be copied".to_owned());
+            return Err("is a file in time already".to_owned());
         } else if parameterization.time_span().is_some() {
             return Err(format!(
                 "{} Gaussians have no closed form in time; --format spz-sequence writes a file for each frame",
