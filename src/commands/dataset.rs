@@ -183,10 +183,10 @@ pub(crate) fn publish_dataset(
         ));
     }
     exit::print(&format!(
-        "{}: {}, {:.3} hours, {:.1} s on average\n",
+        "{}: {}, {}, {:.1} s on average\n",
         arguments.dataset.display(),
         counted(statistics.rows.len(), "sequence"),
-        statistics.seconds() / 3600.0,
+        publish::duration_in_words(statistics.seconds()),
         statistics.mean_seconds()
     ))
 }

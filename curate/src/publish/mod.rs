@@ -51,7 +51,7 @@ use serde::Deserialize;
 
 pub use licence::licence;
 pub use selection::{SelectRequest, Selection, properties, select};
-pub use statistics::{SequenceRow, Statistics, Tally};
+pub use statistics::{SequenceRow, Statistics, Tally, duration_in_words};
 pub(crate) use statistics::{is_annotated, optional, status_name};
 pub use verify::verify;
 

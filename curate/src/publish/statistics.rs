@@ -243,7 +243,7 @@ impl Statistics {
             unit: "",
         };
         // A count is an integer in the table, a measure never.
-        let decimal = |value: f64| format!("{value:?}");
+        let decimal = |value: f64| format!("{:?}", to_microseconds(value));
         let frames: usize = self.rows.iter().map(|row| row.frames).sum();
         let posed = self.rows.iter().filter(|row| row.posed_frames > 0).count();
         table([
@@ -284,7 +284,7 @@ impl Statistics {
                     class,
                     sequences: tally.sequences,
                     share: tally.sequences as f64 / self.rows.len() as f64,
-                    seconds: tally.seconds,
+                    seconds: to_microseconds(tally.seconds),
                 });
             }
         }
@@ -347,8 +347,13 @@ fn row(folder: &Path, name: &str, sequence: Sequence) -> Result<SequenceRow, Cur
     })
 }
 
+/// Rounds seconds: sums end in digits that say nothing.
+fn to_microseconds(seconds: f64) -> f64 {
+    (seconds * 1e6).round() / 1e6
+}
+
 /// Returns a duration in words, in the largest unit of which it has two.
-pub(super) fn duration_in_words(seconds: f64) -> String {
+pub fn duration_in_words(seconds: f64) -> String {
     match seconds {
         seconds if seconds < 120.0 => format!("{seconds:.1} s"),
         seconds if seconds < 7200.0 => format!("{:.1} min", seconds / 60.0),
