@@ -63,7 +63,7 @@ impl Expectation {
     }
 }
 
-/// About ten times the errors of most cases, on the CPU and on a software adapter alike.
+/// Several times the largest error of the cases that share them, on the CPU and on a software adapter alike.
 pub(super) const PLAIN_LIMITS: Limits = Limits {
     forward: 1e-5,
     gradient: 4e-4,
