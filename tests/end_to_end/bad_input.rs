@@ -146,11 +146,8 @@ fn a_rectilinear_video_with_the_way_out() {
     let Some(video) = footage("bikes.mp4") else {
         return;
     };
-    assert_refused_for(
-        &video,
-        "its image is rectilinear",
-        "projection is rectilinear",
-    );
+    let (way_out, check) = ("its image is rectilinear", "projection is rectilinear");
+    assert_refused_for(&video, way_out, check);
     assert_refused_for(&video, "--accept erp", "required: erp or erp-squeezed");
 }
 
@@ -304,10 +301,8 @@ fn names_that_are_not_known() {
         "there is no method \"nerf\"; known: odgs",
     );
     assert_request_refused(&["--protocol", "mine"], "\"mine\"; known: per-scene");
-    assert_request_refused(
-        &["--criteria", "best"],
-        "must be omnilife360, none or a .toml file, got \"best\"",
-    );
+    let criteria = "must be omnilife360, none or a .toml file, got \"best\"";
+    assert_request_refused(&["--criteria", "best"], criteria);
 }
 
 #[test]
