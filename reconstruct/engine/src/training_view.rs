@@ -3,7 +3,7 @@
 use crate::camera::{Camera, View};
 
 /// A frame with its camera and image.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TrainingView {
     /// Number of the frame in the scene.
     pub frame: u32,

@@ -14,6 +14,7 @@ use omnilife_methods::{odgs, omni4dgs, omni4dgs_plus, periodic};
 use omnilife_reconstruct::registry::METHODS;
 use omnilife_training::{
     components::MotionEvidenceUse,
+    evidence::once::PilotOnce,
     method::{Method, MethodOutcome},
     options::Options,
     request::{MethodRequest, PlanChoice},
@@ -216,6 +217,7 @@ fn learn(
     let Some(scene) = scene else {
         return CaseResult::failed("the scene has a camera without a place");
     };
+    let _once = PilotOnce::begin();
     let (mut worst, mut worst_id) = (0.0_f64, "");
     for method in METHODS {
         let Some((_, without)) = variants.iter().find(|(id, _)| *id == method.id) else {
@@ -312,6 +314,7 @@ fn train_all(device: &Device, change: impl Fn(&mut TrainingScene)) -> CaseResult
         return CaseResult::failed("the scene has a camera without a place");
     };
     change(&mut scene);
+    let _once = PilotOnce::begin();
     // Kernels are compiled for each training: on a GPU the whole plan has to do.
     let (plans, of_plans) = match kind {
         DeviceKind::Cpu => (vec![PlanChoice::Full, PlanChoice::Auto], ""),

@@ -6,6 +6,7 @@ use glam::{Vec3, vec3};
 use omnilife_engine::{camera::pose::PoseCorrection, gaussians::static_gaussians::OPACITY_LOGITS};
 use omnilife_reconstruct::{
     components::{camera_response, denser_points, pose_refinement, view_dependent_colour},
+    evidence::once::PilotOnce,
     methods::{self, METHODS},
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
@@ -45,6 +46,7 @@ fn asked_for(with: &[&str], iterations: u64) -> MethodRequest {
 
 #[test]
 fn odgs_takes_exposure_and_poses_one_by_one_and_together() {
+    let _once = PilotOnce::begin();
     let scene = spoilt(balls::scene());
     let scores: Vec<f64> = [&[][..], &[EXPOSURE], &[POSES], &[EXPOSURE, POSES]]
         .into_iter()
@@ -77,6 +79,7 @@ fn odgs_takes_exposure_and_poses_one_by_one_and_together() {
 
 #[test]
 fn methods_with_one_seed_see_the_same_views_in_the_same_order() {
+    let _once = PilotOnce::begin();
     let scene = moving_ball::scene();
     let views = scene.input_views.len() as u64;
     // In the middle of the third epoch: `periodic` has drawn shifts in time by then, and children's positions.
@@ -97,6 +100,7 @@ fn methods_with_one_seed_see_the_same_views_in_the_same_order() {
 
 #[test]
 fn scene_points_begin_with_one_opacity_whatever_the_method() {
+    let _once = PilotOnce::begin();
     let scene = balls::scene();
     for method in [
         "odgs",
@@ -122,6 +126,7 @@ fn scene_points_begin_with_one_opacity_whatever_the_method() {
 
 #[test]
 fn larger_steps_get_further_in_a_short_schedule_and_are_left_out_of_a_published_one() {
+    let _once = PilotOnce::begin();
     let scene = balls::scene();
     let score = |without: &[&str]| {
         let request = MethodRequest {
@@ -161,6 +166,7 @@ fn larger_steps_get_further_in_a_short_schedule_and_are_left_out_of_a_published_
 
 #[test]
 fn aids_are_left_out_together_and_one_comes_back_by_name() {
+    let _once = PilotOnce::begin();
     let scene = moving_ball::scene();
     let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
     for method in METHODS {
@@ -200,6 +206,7 @@ fn aids_are_left_out_together_and_one_comes_back_by_name() {
 /// schedule: an array with a rate alone does not compile, and one without a rate is refused at the start.
 #[test]
 fn every_trained_array_states_its_growth_in_short_schedules() {
+    let _once = PilotOnce::begin();
     let scene = moving_ball::scene();
     let mut seen = BTreeSet::new();
     for method in METHODS {
@@ -265,6 +272,7 @@ fn steps_leave_gaussians_out_where_few_views_see_most_points() {
 
 #[test]
 fn every_optional_component_of_every_method_trains() {
+    let _once = PilotOnce::begin();
     let scene = spoilt(moving_ball::scene());
     for method in METHODS {
         let with = method.optional_components;

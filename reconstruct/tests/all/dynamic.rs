@@ -13,6 +13,7 @@ use omnilife_engine::{
     training_view::TrainingView,
 };
 use omnilife_reconstruct::{
+    evidence::once::PilotOnce,
     methods::{self, MethodOutcome},
     options::Options,
     request::{MethodRequest, PlanChoice},
@@ -112,6 +113,7 @@ fn a_passing_ball_is_dynamic_and_predicted_better_than_by_static_gaussians() {
 /// Checks each left-out component of the ablation, and the arrays of its model.
 #[test]
 fn what_is_left_out_has_no_arrays() {
+    let _once = PilotOnce::begin();
     let scene = moving_ball::scene();
     type Names = &'static [&'static str];
     let cases: [(Names, Names, Names); 4] = [
@@ -190,6 +192,7 @@ fn what_is_left_out_has_no_arrays() {
 /// Constants of components that are not used would make rows of a name of their own with the numbers of another.
 #[test]
 fn a_constant_without_its_component_is_told() {
+    let _once = PilotOnce::begin();
     let scene = moving_ball::scene();
     let method = methods::find("omni4dgs").unwrap();
     let warnings = |with: &[&str], line: &str| {
@@ -214,6 +217,7 @@ type Variant = (&'static str, fn(&mut TrainingScene));
 /// The catalogue of stability has more of these clips, of one frame to ten thousand.
 #[test]
 fn awkward_clips_train_without_a_panic_or_a_nan() {
+    let _once = PilotOnce::begin();
     let variants: [Variant; 4] = [
         ("no masks", |scene| {
             for view in &mut scene.input_views {

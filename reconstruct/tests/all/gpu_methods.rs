@@ -15,6 +15,7 @@ use omnilife_engine::{
     step::{Stepper, cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings},
 };
 use omnilife_reconstruct::{
+    evidence::once::PilotOnce,
     methods::{METHODS, Method, deformable, panogs, requirement::Requirement},
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
@@ -110,6 +111,8 @@ fn compare(method: &Method, without: &[&str]) {
     }
     let folder = tempfile::tempdir().unwrap();
     let scene = scene_of(method, folder.path());
+    // A GPU makes no pilot fit of its own: the CPU's is that of both.
+    let _once = PilotOnce::begin();
     let [cpu, gpu] = [BackendChoice::Cpu, BackendChoice::Gpu]
         .map(|backend| run(method, &scene, without, backend));
     let sums = [&cpu, &gpu].map(|run| run.losses.iter().sum::<f64>());
@@ -141,6 +144,7 @@ fn steps_of_every_method_are_those_of_the_cpu() {
     let runs_there = |method: &&Method| method.backends.contains(&BackendChoice::Gpu);
     let methods: Vec<_> = METHODS.iter().filter(runs_there).collect();
     assert!(methods.len() >= 7, "{methods:?}");
+    let _once = PilotOnce::begin();
     for method in methods {
         compare(method, &[]);
     }

@@ -17,6 +17,7 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     components::{self, denser_points, short_schedule, swept_points},
+    evidence::once::PilotOnce,
     methods::{self, METHODS, Method, Prepared},
     options::{Constant, MethodOption, OptionValues},
     request::{BackendChoice, MethodRequest, PlanChoice},
@@ -388,6 +389,7 @@ impl Walk<'_> {
 
 #[test]
 fn every_component_of_every_method_acts() {
+    let _once = PilotOnce::begin();
     let folder = tempfile::tempdir().unwrap();
     let cases = cases(folder.path());
     let (mut idle, mut acted) = (Vec::new(), HashMap::new());

@@ -2,6 +2,7 @@
 
 use novel_views::novel_psnr;
 use omnilife_reconstruct::{
+    evidence::once::PilotOnce,
     methods::{self, METHODS, MethodKind},
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
@@ -25,6 +26,7 @@ fn scene() -> TrainingScene {
 
 #[test]
 fn every_trained_method_learns_a_pinhole_scene_or_refuses_it() {
+    let _once = PilotOnce::begin();
     let scene = scene();
     for method in METHODS {
         let MethodKind::Trained { .. } = method.kind else {

@@ -1,7 +1,7 @@
 //! Evidence of a scene before its training.
 //!
 //! * [`masks`]: motion in masks. [`pilot`]: a short static training, the base of the rest; `rendered_view`: a
-//!   view compared with its render.
+//!   view compared with its render. [`once`]: one pilot fit for many runs on a scene.
 //! * [`motion`]: motion and its places. [`coverage`]: numbers of views that see a point. [`poses`]: errors of
 //!   poses. [`view_dependence`]: colours that depend on the direction. [`exposure`]: brightness of whole views.
 //!   [`changing_light`]: light that changes in them.
@@ -15,6 +15,7 @@ pub mod exposure;
 mod flat_surfaces;
 pub mod masks;
 pub mod motion;
+pub mod once;
 pub mod pilot;
 pub mod poses;
 mod rendered_view;
@@ -92,7 +93,8 @@ pub fn gather(
     masks: MaskEvidence,
     with_pilot: bool,
 ) -> Result<SceneEvidence, ReconstructError> {
-    let pilot = with_pilot.then(|| PilotEvidence::gather(scene, seed));
+    let gather = || PilotEvidence::gather(scene, seed);
+    let pilot = with_pilot.then(|| once::gathered(scene, seed, gather));
     Ok(SceneEvidence {
         seed,
         masks,

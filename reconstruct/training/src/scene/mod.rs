@@ -36,7 +36,7 @@ use omnilife_engine::training_view::TrainingView;
 
 /// A scene ready for training: cameras are recentred and scaled so that the farthest one that counts
 /// ([`CameraExtent`]) is one unit from their mean.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TrainingScene {
     /// Id of the scene.
     pub id: String,
