@@ -20,11 +20,13 @@ use crate::{
 const STEPS: u64 = 40;
 /// Options of small fields and few rays: a software adapter takes a second for a step.
 const SMALL: [&str; 3] = ["rays=1024", "base-fields=small", "motion-fields=tiny"];
+/// Options for a comparison of bits, which any number of rays shows.
+const FEW_RAYS: [&str; 3] = ["rays=256", "base-fields=small", "motion-fields=tiny"];
 
 /// Returns a learner of the two-plane clip with small fields before its first step.
-fn learner(steps: u64, on_gpu: bool) -> AtlasLearner {
+fn learner(options: [&str; 3], steps: u64, on_gpu: bool) -> AtlasLearner {
     let method = methods::find("nag").unwrap();
-    let options = SMALL.map(str::to_owned);
+    let options = options.map(str::to_owned);
     let request = MethodRequest {
         options: Options::parse("nag", method.options, &options).unwrap(),
         ..MethodRequest::new(steps, 1)
@@ -48,7 +50,7 @@ fn two_planes_are_learnt_as_on_the_cpu() {
     if device().is_none() {
         return;
     }
-    let [mut cpu, mut gpu] = [false, true].map(|on_gpu| learner(STEPS, on_gpu));
+    let [mut cpu, mut gpu] = [false, true].map(|on_gpu| learner(SMALL, STEPS, on_gpu));
     assert!(matches!(gpu.backend(), Backend::Gpu { .. }));
     for learner in [&mut cpu, &mut gpu] {
         learn(learner, 0..STEPS, STEPS);
@@ -119,17 +121,17 @@ fn an_atlas_on_a_device_is_taken_up_again_bit_for_bit() {
     if device().is_none() {
         return;
     }
-    let mut whole = learner(12, true);
+    let mut whole = learner(FEW_RAYS, 12, true);
     learn(&mut whole, 0..12, 12);
-    let mut first = learner(12, true);
+    let mut first = learner(FEW_RAYS, 12, true);
     learn(&mut first, 0..7, 12);
     let saved = first.save().unwrap();
-    let mut second = learner(12, true);
+    let mut second = learner(FEW_RAYS, 12, true);
     second.restore(&saved).unwrap();
     learn(&mut second, 7..12, 12);
     assert!(body(&mut whole) == body(&mut second));
     // A checkpoint of one backend is continued on the other.
-    let mut on_cpu = learner(12, false);
+    let mut on_cpu = learner(FEW_RAYS, 12, false);
     on_cpu.restore(&saved).unwrap();
     learn(&mut on_cpu, 7..12, 12);
 }
