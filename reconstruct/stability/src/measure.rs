@@ -1,5 +1,7 @@
 //! Errors of a case against the f64 reference.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use omnilife_schemas::records::StabilityMeasures;
 
 use crate::{
@@ -42,13 +44,12 @@ pub fn measure(
 ) -> Result<MeasuredCase, ReconstructError> {
     let table = (parameterization.table)(setup);
     let sound = setup.gaussians.len() - degenerate;
-    let reference = Reference::new(setup, parameterization, &table, sound);
-    let (image, decisions) = reference::render(&setup.exact, &reference.gaussians(), None);
+    let expected = expected(setup, parameterization, &table, sound);
     let made = device.round_trip(setup, parameterization, table)?;
     let differences: Vec<f64> = made
         .colour
         .iter()
-        .zip(&image.colour)
+        .zip(&expected.colour)
         .map(|(value, expected)| (f64::from(*value) - expected).abs())
         .collect();
     let largest = differences.iter().copied().fold(0.0, f64::max);
@@ -67,7 +68,7 @@ pub fn measure(
         forward_error: finite(largest),
         forward_share: finite(beyond as f64 / differences.len() as f64),
         forward_limit: Some(limits.forward),
-        gradient_error: finite(reference.gradient_error(&made.table, &decisions)),
+        gradient_error: finite(expected.gradient_error(&made.table)),
         gradient_limit: Some(limits.gradient),
         is_finite,
         drawn: made.drawn as u64,
@@ -77,6 +78,81 @@ pub fn measure(
         measures,
         colour: made.colour,
     })
+}
+
+/// Image and gradients of the reference, the same for every device.
+#[derive(Debug)]
+struct Expected {
+    /// HWC.
+    colour: Vec<f64>,
+    /// By array of the table, the derivatives by the components of the judged Gaussians, with the index of each value.
+    derivatives: Vec<Vec<(usize, f64)>>,
+}
+
+/// Expectations of earlier setups. A second device is judged by the same numbers, which take longer than its own.
+static KNOWN: Mutex<Vec<Known>> = Mutex::new(Vec::new());
+
+/// A setup with what is expected of it.
+#[derive(Debug)]
+struct Known {
+    setup: Setup,
+    parameterization: &'static str,
+    sound: usize,
+    expected: Arc<Expected>,
+}
+
+impl Known {
+    fn is_of(&self, setup: &Setup, parameterization: &Parameterization, sound: usize) -> bool {
+        self.parameterization == parameterization.id && self.sound == sound && self.setup == *setup
+    }
+}
+
+/// Returns image and gradients of the reference for a setup's first `sound` Gaussians.
+fn expected(
+    setup: &Setup,
+    parameterization: &Parameterization,
+    table: &ParameterTable,
+    sound: usize,
+) -> Arc<Expected> {
+    // A panic elsewhere leaves whole entries.
+    let known = || KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    let equal = |known: &Known| {
+        let is_equal = known.is_of(setup, parameterization, sound);
+        is_equal.then(|| Arc::clone(&known.expected))
+    };
+    if let Some(expected) = known().iter().find_map(equal) {
+        return expected;
+    }
+    let expected = Arc::new(Reference::new(setup, parameterization, table, sound).expected(table));
+    known().push(Known {
+        setup: setup.clone(),
+        parameterization: parameterization.id,
+        sound,
+        expected: Arc::clone(&expected),
+    });
+    expected
+}
+
+impl Expected {
+    /// Returns the largest error of a gradient value of the judged Gaussians, relative to its size or to the root
+    /// mean square of its array.
+    fn gradient_error(&self, table: &ParameterTable) -> f64 {
+        let mut worst = 0.0_f64;
+        for (array, derivatives) in table.arrays.iter().zip(&self.derivatives) {
+            let squares = derivatives.iter().map(|(_, g)| g * g);
+            let mean_square = squares.sum::<f64>() / derivatives.len().max(1) as f64;
+            // An array without effect here (rounding noise of the differences) has no error.
+            let typical = mean_square.sqrt().max(1e-6);
+            for &(index, expected) in derivatives {
+                let found = f64::from(array.gradients[index]);
+                worst = worst.max((found - expected).abs() / expected.abs().max(typical));
+                if found.is_nan() {
+                    return f64::NAN;
+                }
+            }
+        }
+        worst
+    }
 }
 
 /// A setup's raw parameters in f64, with the table's values.
@@ -122,36 +198,29 @@ impl<'a> Reference<'a> {
         rows.map(|(index, row)| self.gaussian(row, index)).collect()
     }
 
-    /// Returns the largest error of a gradient value of the judged Gaussians, relative to its size or to the root
-    /// mean square of its array.
-    fn gradient_error(&self, table: &ParameterTable, decisions: &Decisions) -> f64 {
+    /// Returns its image, and the derivatives by the judged Gaussians' values in a table.
+    fn expected(&self, table: &ParameterTable) -> Expected {
         let mut gaussians = self.gaussians();
-        let mut worst = 0.0_f64;
+        let (image, decisions) = reference::render(&self.setup.exact, &gaussians, None);
+        let mut derivatives = Vec::new();
         let mut begin = 0;
         for array in &table.arrays {
-            let mut pairs = Vec::new();
+            let mut of_array = Vec::new();
             let judged = self.setup.judged.iter();
             for &index in judged.filter(|&&index| index < self.rows.len()) {
                 for component in 0..array.width {
-                    let expected =
-                        self.derivative(&mut gaussians, decisions, index, begin + component);
-                    let found = array.gradients[index * array.width + component];
-                    pairs.push((f64::from(found), expected));
+                    let derivative =
+                        self.derivative(&mut gaussians, &decisions, index, begin + component);
+                    of_array.push((index * array.width + component, derivative));
                 }
             }
             begin += array.width;
-            let mean_square =
-                pairs.iter().map(|(_, g)| g * g).sum::<f64>() / pairs.len().max(1) as f64;
-            // An array without effect here (rounding noise of the differences) has no error.
-            let typical = mean_square.sqrt().max(1e-6);
-            for (found, expected) in pairs {
-                worst = worst.max((found - expected).abs() / expected.abs().max(typical));
-                if found.is_nan() {
-                    return f64::NAN;
-                }
-            }
+            derivatives.push(of_array);
         }
-        worst
+        Expected {
+            colour: image.colour,
+            derivatives,
+        }
     }
 
     /// Returns the five-point difference of the weighted image by one raw parameter, with the decisions of the
