@@ -4,12 +4,13 @@ use std::{
     ffi::OsStr,
     path::{Path, PathBuf},
     process::Command,
+    sync::LazyLock,
 };
 
 use omnilife_reconstruct::formats::exchange::SPLAT_FORMATS;
 use serde_json::Value;
 
-use crate::support::{METHOD, SEQUENCE, omnilife, read_image, scratch, small_run};
+use crate::support::{METHOD, SEQUENCE, kept_folder, omnilife, read_image, scratch, small_run};
 
 fn exported(out: &Path, arguments: &[&str]) -> crate::support::Ended {
     let run = small_run().out.join(METHOD).join("run");
@@ -339,14 +340,14 @@ fn other_viewers_show_what_the_renderer_draws() {
     }
 }
 
-/// Trains a method with moving Gaussians on the small scene.
-pub(crate) fn moving_run(folder: &Path) -> PathBuf {
+/// Run of a method with moving Gaussians on the small scene.
+static MOVING_RUN: LazyLock<PathBuf> = LazyLock::new(|| {
     let sequence = small_run().out.join(SEQUENCE);
     let (scene, split) = (
         sequence.join("scene.json"),
         sequence.join("per-scene/split.json"),
     );
-    let run = folder.join("run");
+    let run = kept_folder(Path::new(env!("CARGO_TARGET_TMPDIR"))).join("run");
     let mut arguments = vec!["reconstruct".as_ref(), "train".as_ref(), scene.as_os_str()];
     arguments.extend(["--split".as_ref(), split.as_os_str()]);
     arguments.extend(["--out".as_ref(), run.as_os_str()]);
@@ -354,18 +355,23 @@ pub(crate) fn moving_run(folder: &Path) -> PathBuf {
     arguments.extend(settings.map(OsStr::new));
     omnilife(arguments).succeeded();
     run
+});
+
+/// Returns the run with moving Gaussians, which several tests read.
+pub(crate) fn moving_run() -> &'static Path {
+    &MOVING_RUN
 }
 
 #[test]
 fn a_scene_that_moves_is_exported_at_moments_and_its_page_has_a_slider() {
     let folder = scratch();
-    let run = moving_run(folder.path());
+    let run = moving_run();
     let out = folder.path().join("asset");
     // With the data folder of this machine, where the viewer is.
     let export = |arguments: &[&str]| {
         let ended = Command::new(env!("CARGO_BIN_EXE_omnilife"))
             .args(["reconstruct", "export"])
-            .arg(&run)
+            .arg(run)
             .arg("--out")
             .arg(&out)
             .args(arguments)

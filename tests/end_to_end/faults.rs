@@ -148,7 +148,7 @@ fn every_command_on_a_machine_that_fails_it() {
     for (number, command) in commands.iter().step_by(step).enumerate() {
         let trial = Trial {
             command,
-            inputs: &inputs,
+            inputs,
             folder: disk.folder().to_owned(),
         };
         let undisturbed = (0..2).map(|_| {

@@ -78,7 +78,7 @@ fn every_command_leaves_foreign_files_alone() {
     let mut wrong = Vec::new();
     for command in inputs.commands() {
         for in_the_way in [&[], IN_THE_WAY] {
-            wrong.extend(walk(&command, &inputs, in_the_way));
+            wrong.extend(walk(&command, inputs, in_the_way));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));

@@ -18,9 +18,9 @@ fn export(source: &Path, out: &Path, arguments: &[&str]) -> crate::support::Ende
 #[test]
 fn a_dynamic_run_is_one_file_that_is_rendered_as_the_run_is() {
     let folder = scratch();
-    let run = moving_run(folder.path());
+    let run = moving_run();
     let out = folder.path().join("asset");
-    export(&run, &out, &["--format", "gtime", "--page"]).succeeded();
+    export(run, &out, &["--format", "gtime", "--page"]).succeeded();
     let record = asset(&out);
     let file = out.join("full.gtime");
     let level = &record["levels"][0];
@@ -85,9 +85,9 @@ fn a_dynamic_run_is_one_file_that_is_rendered_as_the_run_is() {
 #[test]
 fn a_sequence_has_a_file_at_each_time_and_others_options_are_refused() {
     let folder = scratch();
-    let run = moving_run(folder.path());
+    let run = moving_run();
     let out = folder.path().join("sequence");
-    export(&run, &out, &["--format", "spz-sequence", "--moments", "3"]).succeeded();
+    export(run, &out, &["--format", "spz-sequence", "--moments", "3"]).succeeded();
     let record = asset(&out);
     let sequence = record["sequence"].as_array().unwrap();
     assert_eq!(sequence.len(), 3);
@@ -114,7 +114,7 @@ fn a_sequence_has_a_file_at_each_time_and_others_options_are_refused() {
         ),
     ] {
         let none = folder.path().join("none");
-        let ended = export(&run, &none, arguments);
+        let ended = export(run, &none, arguments);
         assert!(ended.stderr.contains(expected), "{}", ended.stderr);
         assert!(!none.exists());
     }

@@ -100,7 +100,7 @@ fn every_command_twice_at_once_and_killed() {
     for command in &commands {
         let trial = Trial {
             command,
-            inputs: &inputs,
+            inputs,
             folder: folder.path().to_owned(),
         };
         let Outcome {

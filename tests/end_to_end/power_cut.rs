@@ -85,7 +85,7 @@ fn every_file_and_its_name_reach_the_disk() {
     for command in inputs.chosen_commands().iter().step_by(step) {
         let trial = Trial {
             command,
-            inputs: &inputs,
+            inputs,
             folder: folder.path().to_owned(),
         };
         trial.reset();

@@ -116,17 +116,20 @@ pub(crate) struct SmallRun {
 }
 
 static SMALL_RUN: LazyLock<SmallRun> = LazyLock::new(|| {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
-    remove_old(folder, Duration::from_secs(3600));
-    // Statics are never dropped: the folder stays until a later test run removes it.
-    let out = tempfile::Builder::new()
-        .prefix("small-run-")
-        .tempdir_in(folder)
-        .unwrap()
-        .keep();
+    let out = kept_folder(Path::new(env!("CARGO_TARGET_TMPDIR")));
     let ended = run(&sample("street.mp4"), &out, &SMALL).succeeded();
     SmallRun { out, ended }
 });
+
+/// Makes a folder of a static, which several tests read. Statics are never dropped: it stays until a later test run
+/// removes it.
+pub(crate) fn kept_folder(within: &Path) -> PathBuf {
+    remove_old(within, Duration::from_secs(3600));
+    let kept = tempfile::Builder::new()
+        .prefix("small-run-")
+        .tempdir_in(within);
+    kept.unwrap().keep()
+}
 
 fn remove_old(folder: &Path, age: Duration) {
     for entry in fs::read_dir(folder).unwrap().filter_map(Result::ok) {

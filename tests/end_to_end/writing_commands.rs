@@ -4,12 +4,11 @@ use std::{
     fs,
     os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
+    sync::LazyLock,
 };
 
-use tempfile::TempDir;
-
 use crate::support::{
-    METHOD, SEQUENCE, SMALL, files, omnilife, sample, scratch, small_run, write_tracked_split,
+    METHOD, SEQUENCE, SMALL, files, kept_folder, omnilife, sample, small_run, write_tracked_split,
 };
 
 /// Commands that print and write no files.
@@ -162,14 +161,23 @@ impl WritingCommand {
 
 /// Inputs of several commands.
 pub(crate) struct Inputs {
-    folder: TempDir,
+    folder: PathBuf,
 }
 
+static INPUTS: LazyLock<Inputs> = LazyLock::new(Inputs::make);
+
 impl Inputs {
-    pub(crate) fn prepare() -> Self {
-        let inputs = Self { folder: scratch() };
+    /// Returns the inputs, which all tests read.
+    pub(crate) fn prepare() -> &'static Self {
+        &INPUTS
+    }
+
+    fn make() -> Self {
+        let inputs = Self {
+            folder: kept_folder(&std::env::temp_dir()),
+        };
         // Other users read them too.
-        fs::set_permissions(inputs.folder.path(), fs::Permissions::from_mode(0o755)).unwrap();
+        fs::set_permissions(&inputs.folder, fs::Permissions::from_mode(0o755)).unwrap();
         let write = |name: &str, text: &str| fs::write(inputs.file(name), text).unwrap();
         write(
             "method.toml",
@@ -191,14 +199,15 @@ impl Inputs {
             "method = \"odgs\"\ntitle = \"ODGS\"\nauthors = [\"A\"]\nlicence = \"MIT\"\nhardware = \"x\"\n",
         );
         let at = |name: &str| inputs.file(name);
-        write_tracked_split(&inputs.folder.path().join("tracked"));
+        write_tracked_split(&inputs.folder.join("tracked"));
         for words in [
             format!(
-                "reconstruct train SCENE --split {0}/split.json --method object-graph --iterations 2 --out {0}/run",
+                "reconstruct train SCENE --split {0}/split.json --method object-graph --iterations 2 --without aids \
+                 --out {0}/run",
                 at("tracked")
             ),
             format!(
-                "reconstruct train SCENE --split SPLIT --iterations 10 --trace 5 --out {}",
+                "reconstruct train SCENE --split SPLIT --iterations 10 --trace 5 --without aids --out {}",
                 at("traced")
             ),
             format!(
@@ -240,7 +249,7 @@ impl Inputs {
 
     /// Returns the path of one of them.
     pub(crate) fn file(&self, name: &str) -> String {
-        self.folder.path().join(name).to_str().unwrap().to_owned()
+        self.folder.join(name).to_str().unwrap().to_owned()
     }
 
     /// Returns the commands whose words contain `OMNILIFE_ONLY`; without it, all.
@@ -253,9 +262,10 @@ impl Inputs {
     }
 
     pub(crate) fn commands(&self) -> Vec<WritingCommand> {
-        let extra = self.folder.path().display();
-        // Rows of the trace at fixed iterations: their times differ between runs.
-        let small = format!("{} --trace 10", SMALL.join(" "));
+        let extra = self.folder.display();
+        // Rows of the trace at fixed iterations: their times differ between runs. Evidence for aids takes longer than
+        // training, and writes nothing.
+        let small = format!("{} --trace 10 --without aids", SMALL.join(" "));
         let new = |words: &str, code| WritingCommand::new(words, code);
         vec![
             // A dataset is made in a folder of its own.
@@ -323,7 +333,7 @@ impl Inputs {
                 0,
             ),
             new(
-                "reconstruct train SCENE --split SPLIT --iterations 5 --trace 2 --out OUT",
+                "reconstruct train SCENE --split SPLIT --iterations 5 --trace 2 --without aids --out OUT",
                 0,
             ),
             new(
@@ -343,7 +353,7 @@ impl Inputs {
             new(
                 &format!(
                     "reconstruct train SCENE --split {extra}/tracked/split.json --method object-graph --iterations 5 \
-                     --trace 2 --out OUT"
+                     --trace 2 --without aids --out OUT"
                 ),
                 0,
             ),
@@ -380,8 +390,8 @@ impl Inputs {
                 "leaderboard figure DATASET --methods odgs --out OUT/figure",
                 0,
             ),
-            WritingCommand::copying(&self.folder.path().join("sweep"), "sweep run OUT"),
-            WritingCommand::copying(&self.folder.path().join("sweep"), "sweep reduce OUT"),
+            WritingCommand::copying(&self.folder.join("sweep"), "sweep run OUT"),
+            WritingCommand::copying(&self.folder.join("sweep"), "sweep reduce OUT"),
         ]
     }
 }
