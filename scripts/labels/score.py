@@ -117,10 +117,15 @@ def operator(labels, paths):
 
 
 def cap(overlay):
-    """Returns the disc on the sphere that has an overlay's centre and solid angle, as a mask of GRID."""
+    """Returns the rectangle of an overlay, or the disc on the sphere with its centre and solid angle, as a mask of
+    GRID."""
     longitude = ((np.arange(GRID[0]) + 0.5) / GRID[0] * 2 - 1) * np.pi
     latitude = (0.5 - (np.arange(GRID[1]) + 0.5) / GRID[1])[:, None] * np.pi
     east, north = math.radians(overlay["longitude_degrees"]), math.radians(overlay["latitude_degrees"])
+    if "extent_degrees" in overlay:
+        across, along = (np.radians(side / 2) for side in overlay["extent_degrees"])
+        east_of = (longitude - east + np.pi) % (2 * np.pi) - np.pi
+        return (np.abs(latitude - north) <= along) & (np.abs(east_of) <= across)
     cosine = np.sin(latitude) * math.sin(north) + np.cos(latitude) * math.cos(north) * np.cos(longitude - east)
     return cosine >= 1 - overlay["solid_angle_steradians"] / (2 * np.pi)
 

@@ -129,6 +129,7 @@ mod tests {
             longitude_degrees: 30.0,
             latitude_degrees: 0.0,
             solid_angle_steradians: steradians,
+            extent_degrees: None,
             constancy: 0.0,
             stayed: 0.0,
             strength_levels: 20.0,

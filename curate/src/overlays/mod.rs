@@ -4,7 +4,8 @@
 //! per pixel and over frames between which the scene moved, the share of the image's gradients that stays. `regions`
 //! gathers stable pixels into regions of the sphere and classifies them. A tripod or the wearer's helmet (class `rig`)
 //! stays too, and is part of the scene. A sky may stay with all that is around it, so the `surroundings` of what is
-//! painted must move. Captions of a second average out over a shot: `windows` of two steps show them.
+//! painted must move. Captions of a second average out over a shot: `captions` finds them by `runs` of constant strokes
+//! that begin and end together.
 //!
 //! No sum runs over a shot boundary: the pass keeps its sums in `parts` between candidate `cuts`. Once boundaries are
 //! confirmed, the parts of each shot are joined and judged, and the finds of all shots are gathered (`by_shot`). Where no
@@ -15,15 +16,16 @@
 
 mod blocks;
 mod by_shot;
+mod captions;
 mod cuts;
 mod line_profiles;
 mod moving_mosaics;
 mod parts;
 mod pixelation;
 mod regions;
+mod runs;
 mod stability;
 mod surroundings;
-mod windows;
 
 pub use moving_mosaics::MosaicPass;
 pub use stability::OverlayPass;
@@ -36,7 +38,8 @@ use omnilife_schemas::records::{Boundary, Overlay, OverlayReport};
 const LEAST_MOVING_STEPS: u32 = 12;
 
 /// Rules of judgement, part of the cache key of the analysis.
-pub(crate) const SETTINGS: &str = "by shot, else as a whole, 12 moving steps";
+pub(crate) const SETTINGS: &str =
+    "by shot, else as a whole, 12 moving steps; captions that begin and end together";
 
 /// Reports the overlays found by the passes over an equirectangular video with these shot boundaries, in order of time.
 pub fn report(pass: &OverlayPass, mosaics: &MosaicPass, boundaries: &[Boundary]) -> OverlayReport {
@@ -49,7 +52,7 @@ pub fn report(pass: &OverlayPass, mosaics: &MosaicPass, boundaries: &[Boundary])
     };
     let moving = mosaics.overlay().filter(|seen| !is_known(seen));
     report.overlays.extend(moving);
-    let mut captions = pass.windows().captions(boundaries);
+    let mut captions = pass.captions().captions(boundaries);
     captions.retain(|seen| {
         let mut standing = report.overlays.iter();
         !standing.any(|standing| by_shot::stands_for(standing, seen))

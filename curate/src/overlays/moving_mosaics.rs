@@ -116,6 +116,7 @@ impl MosaicPass {
             longitude_degrees: centre[0].atan2(centre[2]).to_degrees(),
             latitude_degrees: centre[1].clamp(-1.0, 1.0).asin().to_degrees(),
             solid_angle_steradians: mean(|seen| seen.steradians),
+            extent_degrees: None,
             constancy: 0.0,
             stayed: 0.0,
             strength_levels: mean(|seen| seen.step_levels),

@@ -5,14 +5,15 @@ use omnilife_video::Rgb8Image;
 
 use super::{
     LEAST_MOVING_STEPS,
+    captions::CaptionPass,
     cuts::CutSignal,
     parts::{self, Part, Parts},
     regions,
-    windows::{StepPixel, WindowPass},
 };
 
-/// Interval of the examined frames, seconds: long enough for a walking camera to move the image, short enough for a
-/// caption to last.
+/// Interval of the examined frames, seconds: a caption of a second has four of them.
+const SAMPLE_SECONDS: f64 = 0.2;
+/// Interval of the compared frames, seconds: long enough for a walking camera to move the image.
 const STEP_SECONDS: f64 = 0.4;
 /// Gradient, in 8-bit levels per pixel, from which a pixel has detail.
 const DETAIL_LEVELS: f32 = 6.0;
@@ -26,14 +27,15 @@ const STILL_SHARE: f64 = 0.5;
 pub struct OverlayPass {
     width: usize,
     height: usize,
-    next_seconds: Option<f64>,
+    next_sample_seconds: Option<f64>,
+    next_step_seconds: Option<f64>,
     last: Vec<Sample>,
     last_seconds: f64,
     cuts: CutSignal,
     parts: Parts<StepSums>,
     /// Compared pairs of frames of the whole video.
     steps: u32,
-    windows: WindowPass,
+    captions: CaptionPass,
 }
 
 /// Frames of a shot, or of several that are judged together.
@@ -56,14 +58,14 @@ struct StepSums {
 
 /// One pixel of one frame.
 #[derive(Debug, Clone, Copy, Default)]
-struct Sample {
-    level: f32,
+pub(super) struct Sample {
+    pub(super) level: f32,
     /// Differences to the pixels to the right and below.
-    gradient: [f32; 2],
+    pub(super) gradient: [f32; 2],
 }
 
 impl Sample {
-    fn strength(&self) -> f32 {
+    pub(super) fn strength(&self) -> f32 {
         length(self.gradient)
     }
 }
@@ -108,12 +110,12 @@ pub(super) struct PixelStability {
 impl OverlayPass {
     /// Returns true if the frame at this time is to be examined.
     pub(crate) fn wants(&self, time_seconds: f64) -> bool {
-        self.next_seconds.is_none_or(|next| time_seconds >= next)
+        is_due(self.next_sample_seconds, time_seconds)
     }
 
     /// Examines a frame, about 512 pixels wide.
     pub(crate) fn observe(&mut self, time_seconds: f64, image: &Rgb8Image) {
-        self.next_seconds = Some(time_seconds + STEP_SECONDS);
+        self.next_sample_seconds = Some(time_seconds + SAMPLE_SECONDS);
         let samples = samples(image);
         // A change of size restarts it.
         let is_first = (image.width, image.height) != (self.width, self.height);
@@ -121,10 +123,15 @@ impl OverlayPass {
             *self = Self {
                 width: image.width,
                 height: image.height,
-                next_seconds: self.next_seconds,
+                next_sample_seconds: self.next_sample_seconds,
                 ..Self::default()
             };
         }
+        self.captions.add(time_seconds, &samples, image.width);
+        if !is_due(self.next_step_seconds, time_seconds) {
+            return;
+        }
+        self.next_step_seconds = Some(time_seconds + STEP_SECONDS);
         let cut = self.cuts.candidate(image.width, levels(&samples));
         if !is_first {
             self.compare(time_seconds, &samples, cut);
@@ -152,16 +159,11 @@ impl OverlayPass {
                 sums.add(&self.last, samples);
             }
         });
-        let step = is_moving.then(|| {
-            let pixels = self.last.iter().zip(samples);
-            pixels.map(|(before, now)| step(before, now)).collect()
-        });
-        self.windows.add(range, step, self.width);
     }
 
-    /// Returns what was seen over two steps.
-    pub(super) fn windows(&self) -> &WindowPass {
-        &self.windows
+    /// Returns the search for captions that pass.
+    pub(super) fn captions(&self) -> &CaptionPass {
+        &self.captions
     }
 
     /// Returns the number of compared pairs of frames.
@@ -279,16 +281,9 @@ fn has_stayed(before: &Sample, now: &Sample, strength: f32) -> bool {
     length(change) <= STAYED_SHARE * strength
 }
 
-/// Returns a pixel over the step from one frame to the next.
-fn step(before: &Sample, now: &Sample) -> StepPixel {
-    let strength = before.strength().max(now.strength());
-    let is_detailed = strength >= DETAIL_LEVELS;
-    StepPixel {
-        is_detailed,
-        stayed: is_detailed && has_stayed(before, now, strength),
-        gradient: [0, 1].map(|axis| 0.5 * (before.gradient[axis] + now.gradient[axis])),
-        level: 0.5 * (before.level + now.level),
-    }
+/// Returns true at a time or later, but for rounding of times.
+fn is_due(next_seconds: Option<f64>, time_seconds: f64) -> bool {
+    next_seconds.is_none_or(|next| time_seconds >= next - 1e-6)
 }
 
 fn levels(samples: &[Sample]) -> impl Iterator<Item = f32> {

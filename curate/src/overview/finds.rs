@@ -1,9 +1,6 @@
 //! Overlays that a sequence shows: class, times, and a crop of a frame to look at.
 
-use std::{
-    f64::consts::{PI, TAU},
-    path::Path,
-};
+use std::path::Path;
 
 use image::RgbImage;
 use omnilife_schemas::{
@@ -91,15 +88,13 @@ fn crop_of(path: &Path, overlay: &Overlay) -> Result<Crop, CurateError> {
 /// Returns the part of an equirectangular image around an overlay, across the seam too.
 fn crop(frame: &RgbImage, overlay: &Overlay) -> Rgb8Image {
     let (width, height) = (f64::from(frame.width()), f64::from(frame.height()));
-    // A cap of half angle a has the solid angle 2 pi (1 - cos a).
-    let cosine = 1.0 - overlay.solid_angle_steradians / TAU;
-    let reach = REACH_RADII * cosine.clamp(-1.0, 1.0).acos();
-    let stretch = overlay.latitude_degrees.to_radians().cos().max(1e-3);
-    let half = (reach / TAU * width / stretch).min(0.5 * width);
+    let [across, along] = overlay.reach_degrees();
+    let half = (REACH_RADII * across / 360.0 * width).min(0.5 * width);
+    let reach = REACH_RADII * along / 180.0 * height;
     let left = (overlay.longitude_degrees / 360.0 + 0.5) * width - half;
     let middle = (0.5 - overlay.latitude_degrees / 180.0) * height;
-    let top = (middle - reach / PI * height).max(0.0);
-    let bottom = (middle + reach / PI * height).min(height);
+    let top = (middle - reach).max(0.0);
+    let bottom = (middle + reach).min(height);
     let sides = [2.0 * half, bottom - top];
     let scale = (MOST_PIXELS / sides[0].max(sides[1])).min(1.0);
     let [columns, rows] = sides.map(|side| ((side * scale).round() as usize).max(1));
@@ -118,6 +113,8 @@ fn crop(frame: &RgbImage, overlay: &Overlay) -> Rgb8Image {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::{PI, TAU};
+
     use image::Rgb;
 
     use super::*;
@@ -129,6 +126,7 @@ mod tests {
             latitude_degrees: 0.0,
             // A disc of a tenth of the sphere's width.
             solid_angle_steradians: TAU * (1.0 - (0.1 * PI).cos()),
+            extent_degrees: None,
             constancy: 1.0,
             stayed: 1.0,
             strength_levels: 50.0,

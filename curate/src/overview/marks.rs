@@ -1,13 +1,6 @@
 //! Marks on small images: masks and overlays, each in a pattern of its own beside its colour.
 
-use std::f64::consts::TAU;
-
-use glam::dvec2;
-use omnilife_schemas::{
-    camera::{CameraModel, ErpCamera},
-    records::Overlay,
-    rgb::Mask,
-};
+use omnilife_schemas::{records::Overlay, rgb::Mask};
 
 /// Kind of a marked region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -81,28 +74,22 @@ pub(super) fn draw(rgb: &mut [u8], mask: &Mask, mark: Mark, wraps: bool) {
     }
 }
 
-/// Returns the discs of the overlays of a video in a panorama of this size: records keep centres and areas alone.
+/// Returns the regions of the overlays of a video in a panorama of this size, rectangles or discs.
 pub(super) fn overlays(overlays: &[Overlay], width: usize, height: usize) -> Mask {
-    let camera = ErpCamera::new(width as u32, height as u32);
-    let discs: Vec<_> = (overlays.iter())
-        .map(|overlay| {
-            let (longitude, latitude) = (overlay.longitude_degrees, overlay.latitude_degrees);
-            let centre = ErpCamera::direction(longitude.to_radians(), latitude.to_radians());
-            // A cap of half angle a has the solid angle 2 pi (1 - cos a).
-            (centre, 1.0 - overlay.solid_angle_steradians / TAU)
-        })
-        .collect();
-    let is_in_disc = |index: usize| {
+    let is_covered = |index: usize| {
         let (column, row) = (index % width, index / width);
-        let ray = camera.unproject(dvec2(column as f64 + 0.5, row as f64 + 0.5));
-        (discs.iter()).any(|&(centre, cosine)| ray.dot(centre) >= cosine)
+        let longitude = ((column as f64 + 0.5) / width as f64 - 0.5) * 360.0;
+        let latitude = (0.5 - (row as f64 + 0.5) / height as f64) * 180.0;
+        (overlays.iter()).any(|overlay| overlay.covers(longitude, latitude))
     };
-    let pixels = (0..width * height).map(|index| 255 * u8::from(is_in_disc(index)));
+    let pixels = (0..width * height).map(|index| 255 * u8::from(is_covered(index)));
     Mask::new(width, height, pixels.collect())
 }
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use omnilife_schemas::records::OverlayClass;
 
     use super::*;
@@ -151,6 +138,7 @@ mod tests {
             longitude_degrees: 0.0,
             latitude_degrees: -90.0,
             solid_angle_steradians: TAU,
+            extent_degrees: None,
             constancy: 1.0,
             stayed: 1.0,
             strength_levels: 0.0,

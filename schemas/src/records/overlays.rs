@@ -1,6 +1,8 @@
 //! Overlays of a video: parts that stay in the image while the scene moves, and mosaics that move with what they
 //! hide. They are a part of `analysis`.
 
+use std::f64::consts::TAU;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -58,6 +60,10 @@ pub struct Overlay {
     pub latitude_degrees: f64,
     /// Its size; the whole sphere has 4 pi.
     pub solid_angle_steradians: f64,
+    /// Width in longitude and height in latitude of the rectangle that it fills, degrees; `None` for other shapes, which
+    /// are taken for discs of their size.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub extent_degrees: Option<[f64; 2]>,
     /// Length of the mean gradient over the mean length of the gradient: 1 where nothing changes, 0
     /// in dynamic regions.
     pub constancy: f64,
@@ -69,8 +75,8 @@ pub struct Overlay {
     pub variation_levels: f64,
     /// Share of it that is nearly black or nearly white.
     pub saturated_share: f64,
-    /// Single frames in which a moving overlay was seen, or windows of two steps in which a passing one was. Position and
-    /// size are then means over those.
+    /// Single frames in which a moving overlay was seen, with position and size as means over those; or frames for which a
+    /// caption stayed.
     pub sightings: Option<Sightings>,
     /// Times at which it stays, from the first looked-at frame to the last; empty for moving mosaics, which are seen in
     /// single frames.
@@ -78,12 +84,43 @@ pub struct Overlay {
     pub ranges: Vec<TimeRange>,
 }
 
-/// The frames in which a moving mosaic was seen, or the windows in which a caption was.
+impl Overlay {
+    /// Returns true if its rectangle or disc covers a direction, in degrees as for its centre.
+    pub fn covers(&self, longitude_degrees: f64, latitude_degrees: f64) -> bool {
+        let east = (longitude_degrees - self.longitude_degrees).to_radians();
+        if let Some([width, height]) = self.extent_degrees {
+            let across = (east.to_degrees() + 180.0).rem_euclid(360.0) - 180.0;
+            let along = latitude_degrees - self.latitude_degrees;
+            return across.abs() <= 0.5 * width && along.abs() <= 0.5 * height;
+        }
+        let [north, centre] =
+            [latitude_degrees, self.latitude_degrees].map(|degrees| degrees.to_radians().sin_cos());
+        let cosine = north.0 * centre.0 + north.1 * centre.1 * east.cos();
+        cosine >= self.disc_cosine()
+    }
+
+    /// Returns half of its width in longitude and half of its height in latitude, degrees.
+    pub fn reach_degrees(&self) -> [f64; 2] {
+        if let Some(extent) = self.extent_degrees {
+            return extent.map(|side| 0.5 * side);
+        }
+        let angle = self.disc_cosine().clamp(-1.0, 1.0).acos().to_degrees();
+        let stretch = self.latitude_degrees.to_radians().cos().max(1e-3);
+        [(angle / stretch).min(180.0), angle]
+    }
+
+    /// Returns the cosine of the half angle of a disc of its size: a cap of half angle a has 2 pi (1 - cos a).
+    fn disc_cosine(&self) -> f64 {
+        1.0 - self.solid_angle_steradians / TAU
+    }
+}
+
+/// The frames in which a moving mosaic was seen, or for which a caption stayed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Sightings {
-    /// Frames, or windows, in which it was seen.
+    /// Frames in which it was seen.
     pub seen_frames: u32,
-    /// Frames, or windows, that were looked at, spread over the video.
+    /// Frames that were looked at, spread over the video.
     pub looked_at_frames: u32,
     /// Greatest angle between its centre in a frame and its mean centre, degrees.
     pub reach_degrees: f64,
@@ -130,5 +167,41 @@ impl OverlayClass {
             Self::Mosaic => "mosaic",
             Self::Rig => "rig",
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn overlay(solid_angle_steradians: f64, extent_degrees: Option<[f64; 2]>) -> Overlay {
+        Overlay {
+            class: OverlayClass::Caption,
+            longitude_degrees: 178.0,
+            latitude_degrees: 10.0,
+            solid_angle_steradians,
+            extent_degrees,
+            constancy: 1.0,
+            stayed: 1.0,
+            strength_levels: 50.0,
+            variation_levels: 0.0,
+            saturated_share: 0.0,
+            sightings: None,
+            ranges: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn rectangles_and_discs_go_on_over_the_seam() {
+        let text = overlay(0.1, Some([30.0, 8.0]));
+        assert!(text.covers(-168.0, 13.0) && text.covers(164.0, 7.0));
+        assert!(!text.covers(-166.0, 10.0) && !text.covers(178.0, 15.0));
+        assert_eq!(text.reach_degrees(), [15.0, 4.0]);
+        // A disc of 5 degrees.
+        let disc = overlay(TAU * (1.0 - 5.0_f64.to_radians().cos()), None);
+        assert!(disc.covers(-177.1, 10.0) && disc.covers(178.0, 14.9));
+        assert!(!disc.covers(-176.8, 10.0) && !disc.covers(178.0, 15.1));
+        let [width, height] = disc.reach_degrees();
+        assert!((height - 5.0).abs() < 1e-9 && (width - 5.077).abs() < 1e-3);
     }
 }

@@ -65,7 +65,7 @@ fn contact_sheet(status: &SequenceStatus, sheet: &Sheet) -> Markup {
                 li {
                     span class={ "key " (mark.word()) } aria-hidden="true" {}
                     (mark.word())
-                    @if mark == Mark::Overlay { " (" (classes) ", as a disc of its area)" }
+                    @if mark == Mark::Overlay { " (" (classes) ", as a rectangle or a disc of its area)" }
                 }
             }
         }
