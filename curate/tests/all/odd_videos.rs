@@ -3,7 +3,12 @@
 use std::{fs, path::Path, process::Command};
 
 use omnilife_curate::{CurateSettings, analysis::timed_probe, curate_video};
-use omnilife_schemas::{Classified, ErrorKind, progress::Silent, records::VideoProjection};
+use omnilife_schemas::{
+    Classified, ErrorKind,
+    progress::Silent,
+    records::{VideoAnalysis, VideoProjection},
+    store,
+};
 use omnilife_video::{VideoError, probe};
 use support::{Clip, erp_clip, erp_direction, world_colour};
 
@@ -78,6 +83,42 @@ fn a_stream_is_no_sphere_where_another_one_has_its_other_half() {
         &with_cover,
     );
     assert_eq!(probe(&with_cover).unwrap().width, 192);
+}
+
+/// Runs `ffmpeg` with these words, in a folder.
+fn ffmpeg(folder: &Path, words: &str) {
+    let mut command = Command::new("ffmpeg");
+    command.args(["-nostdin", "-v", "error", "-y"]);
+    let ended = command.args(words.split(' ')).current_dir(folder).status();
+    assert!(ended.unwrap().success(), "{words}");
+}
+
+/// Matroska states one duration for the whole file, which counts from 0 to the end of its last stream.
+#[test]
+fn longer_sound_and_a_late_start_are_no_truncation() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    erp_clip(folder, "a.mp4", &[1], 20, 10);
+    let sound = "-f lavfi -t 6 -i sine=440 -map 0:v -map 1:a -c:v copy -c:a pcm_s16le";
+    ffmpeg(folder, &format!("-i a.mp4 {sound} sound.mkv"));
+    ffmpeg(folder, "-i a.mp4 -c copy -output_ts_offset 7 late.mkv");
+    for (name, stated) in [("sound.mkv", 6.0), ("late.mkv", 9.0)] {
+        let video = folder.join(name);
+        let header = probe(&video).unwrap().duration_seconds;
+        assert!((header - stated).abs() < 0.3, "{name}: {header}");
+        let out = folder.join("out").join(name);
+        curate_video(&video, &out, &lenient(), &Silent).unwrap();
+        let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
+        let found = analysis.probe.duration_seconds;
+        assert!((found - 2.0).abs() < 0.11, "{name}: {found}");
+        // Cut off, both lack what they state.
+        let bytes = fs::read(&video).unwrap();
+        let cut = folder.join(format!("cut-{name}"));
+        fs::write(&cut, &bytes[..bytes.len() * 6 / 10]).unwrap();
+        let out = folder.join("cut-out").join(name);
+        let error = curate_video(&cut, &out, &lenient(), &Silent).unwrap_err();
+        assert!(error.to_string().contains("truncated"), "{error}");
+    }
 }
 
 /// The first frame of a video.
