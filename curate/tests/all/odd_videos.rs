@@ -85,6 +85,29 @@ fn a_stream_is_no_sphere_where_another_one_has_its_other_half() {
     assert_eq!(probe(&with_cover).unwrap().width, 192);
 }
 
+/// Players show the stream that is marked as the default, and so does FFmpeg's choice.
+#[test]
+fn a_preview_that_is_the_default_is_not_taken_for_the_video() {
+    let temp = tempfile::tempdir().unwrap();
+    let large = clip(temp.path(), "large.mp4", 192, 96);
+    let small = clip(temp.path(), "small.mp4", 96, 48);
+    for (first, second, expected) in [(&large, &small, Some(192)), (&small, &large, None)] {
+        let both = temp.path().join("both.mkv");
+        let marks = ["-disposition:v:0", "default", "-disposition:v:1", "0"];
+        joined(&[first, second], &marks, &both);
+        match (probe(&both), expected) {
+            (Ok(found), Some(width)) => assert_eq!(found.width, width),
+            (Err(error @ VideoError::Unusable { .. }), None) => {
+                let message = error.to_string();
+                for part in ["0:0, of 96x48", "0:1 of 192x96"] {
+                    assert!(message.contains(part), "{message}");
+                }
+            }
+            (found, expected) => panic!("{found:?}, and not {expected:?}"),
+        }
+    }
+}
+
 /// Runs `ffmpeg` with these words, in a folder.
 fn ffmpeg(folder: &Path, words: &str) {
     let mut command = Command::new("ffmpeg");
