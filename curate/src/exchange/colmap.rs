@@ -167,10 +167,12 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             distance: None,
         });
     }
+    let mut notes = left_out::unread_images(&root, &frames)?;
+    notes.extend(files.note);
     Ok(ForeignScene {
         image_folders: left_out::folders_below(&images)?,
         missing_images,
-        notes: files.note.into_iter().collect(),
+        notes,
         points: model.cloud(),
         ..ForeignScene::new(model.camera, frames, &root)
     })

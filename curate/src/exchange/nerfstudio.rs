@@ -255,6 +255,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             distance: None,
         });
     }
+    let beside = left_out::unread_images(folder, &frames)?;
     Ok(ForeignScene {
         missing_images,
         notes: left_out::line(&unread, "entries of transforms.json that are not read")
@@ -263,6 +264,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
                 &renamed,
                 "images that have other names than in transforms.json",
             ))
+            .chain(beside)
             .collect(),
         points: match &transforms.ply_file_path {
             Some(file) => PointCloud::read_ply(&file_of(folder, &file_for(folder, file))?)?,
