@@ -234,6 +234,9 @@ fn from_record(path: &Path, frames: &FrameList) -> Result<PosedSequence, CurateE
     validation
         .problems
         .extend(other_times(&record.frames, &poses, frames));
+    validation
+        .problems
+        .extend(before_the_video(&record.frames, frames));
     let masked = masks.iter().flatten().count();
     if masked > 0 && masked < masks.len() {
         validation.problems.push(format!(
@@ -263,6 +266,19 @@ fn other_times(given: &[PosedFrame], poses: &[Option<Pose>], frames: &FrameList)
         format!(
             "poses are from {first:.3} s to {last:.3} s, the frames from {begin:.3} s to {end:.3} s: their times may \
              have another unit or start"
+        )
+    })
+}
+
+/// Returns a line on poses from before the first frame of the video: they may count from that frame, while frames have
+/// the time stamps of the video. `given` is sorted by time.
+fn before_the_video(given: &[PosedFrame], frames: &FrameList) -> Option<String> {
+    let first = frames.video_begins?;
+    let earliest = given.first()?.time_seconds;
+    (earliest < first - frames.tolerance_seconds).then(|| {
+        format!(
+            "poses start at {earliest:.3} s, and the video's first frame has the time stamp {first:.3} s: add {first:.3} \
+             to times that count from that frame"
         )
     })
 }
