@@ -49,6 +49,8 @@ pub struct Analysis {
     pub signature: SignaturePass,
     /// Frames and packets that were damaged.
     pub damaged_frames: u64,
+    /// Frames that are marked as interlaced.
+    pub interlaced_frames: u64,
 }
 
 /// Converts frames of other sphere layouts to equirectangular images.
@@ -228,6 +230,7 @@ pub(crate) fn analyse_with(
         mosaics,
         signature,
         damaged_frames: reader.damaged(),
+        interlaced_frames: reader.interlaced(),
     })
 }
 

@@ -263,10 +263,18 @@ fn analysed(
             mosaics,
             mut signature,
             damaged_frames,
+            interlaced_frames,
         } = analysis::analyse_with(video, detector, asked, measured, progress)?;
         if damaged_frames > 0 {
             progress.note(&format!(
                 "{}: {damaged_frames} damaged frames were patched up or left out",
+                video.display()
+            ));
+        }
+        if interlaced_frames > 0 {
+            progress.note(&format!(
+                "{}: {interlaced_frames} frames are marked as interlaced and used as stored; if each has rows of two \
+                 moments, take the rows apart first: ffmpeg -i IN -vf bwdif OUT",
                 video.display()
             ));
         }
@@ -312,6 +320,7 @@ fn analysed(
             projection,
             probe,
             damaged_frames,
+            interlaced_frames,
             signals: SIGNALS_FILE.to_owned(),
         };
         signals.write_parquet(&folder.join(SIGNALS_FILE))?;

@@ -8,6 +8,7 @@ use omnilife_schemas::{
     progress::Silent,
     records::{VideoAnalysis, VideoProjection},
     store,
+    testing::Notes,
 };
 use omnilife_video::{VideoError, probe};
 use support::{Clip, erp_clip, erp_direction, world_colour};
@@ -141,6 +142,28 @@ fn longer_sound_and_a_late_start_are_no_truncation() {
         let out = folder.join("cut-out").join(name);
         let error = curate_video(&cut, &out, &lenient(), &Silent).unwrap_err();
         assert!(error.to_string().contains("truncated"), "{error}");
+    }
+}
+
+/// A camcorder's fields, and one frame a moment in the same coding.
+#[test]
+fn interlaced_frames_are_counted_and_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    erp_clip(folder, "a.mp4", &[1], 40, 20);
+    let fields = "-vf tinterlace=interleave_top -flags +ildct+ilme -top 1";
+    for (name, options, expected) in [("fields.mkv", fields, 20), ("frames.mkv", "-g 10", 0)] {
+        ffmpeg(
+            folder,
+            &format!("-i a.mp4 {options} -c:v mpeg2video -q:v 2 {name}"),
+        );
+        let (out, notes) = (folder.join("out").join(name), Notes::default());
+        curate_video(&folder.join(name), &out, &lenient(), &notes).unwrap();
+        let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
+        assert_eq!(analysis.interlaced_frames, expected, "{name}");
+        let notes = notes.take();
+        let is_told = notes.iter().any(|line| line.contains("interlaced"));
+        assert_eq!(is_told, expected > 0, "{notes:?}");
     }
 }
 

@@ -71,6 +71,7 @@ pub struct VideoReader {
     packet_times: Option<[f64; 2]>,
     frames: u64,
     damaged: u64,
+    interlaced: u64,
     last_packet_is_partial: bool,
     draining: bool,
     only_key_frames: bool,
@@ -136,6 +137,7 @@ impl VideoReader {
             packet_times: None,
             frames: 0,
             damaged: 0,
+            interlaced: 0,
             last_packet_is_partial: false,
             draining: false,
             only_key_frames: false,
@@ -173,6 +175,11 @@ impl VideoReader {
     /// undecodable or their timestamps run backwards.
     pub fn damaged(&self) -> u64 {
         self.damaged
+    }
+
+    /// Returns the number of frames so far that are marked as interlaced: rows of two moments alternate in them.
+    pub fn interlaced(&self) -> u64 {
+        self.interlaced
     }
 
     /// Returns the unit of the source's timestamps, seconds.
@@ -289,6 +296,7 @@ impl VideoReader {
         if time_seconds.is_some() {
             self.last_seconds = time_seconds;
             self.frames += 1;
+            self.interlaced += u64::from(image.is_interlaced());
         }
         time_seconds
     }
