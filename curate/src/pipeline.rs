@@ -101,7 +101,10 @@ fn sequences_of(
     let early_layout = match settings.layout {
         Some(LayoutChoice::Known(layout)) => Some(layout),
         Some(LayoutChoice::UnknownDualFisheye) => Some(sphere_layouts::NARROWEST_DUAL_FISHEYE),
-        None => sphere_layouts::stated(&probe),
+        None if settings.accept.is_some() => None,
+        // Frames of another shape than the stated layout's are judged by their pixels.
+        None => sphere_layouts::stated(&probe)
+            .filter(|layout| sphere_layouts::expect_shape(*layout, probe.upright_size()).is_ok()),
     };
     frames::frame_size(video, &probe, settings.width, settings.accept, early_layout)?;
     // Faults in the header and the time stamps need no decoding of gigabytes.

@@ -6,11 +6,13 @@ use omnilife_curate::{CurateSettings, analysis::timed_probe, curate_video};
 use omnilife_schemas::{
     Classified, ErrorKind,
     progress::Silent,
-    records::{VideoAnalysis, VideoProjection},
+    records::{Sequence, VideoAnalysis, VideoProjection},
     store,
     testing::Notes,
 };
-use omnilife_video::{VideoError, probe};
+use omnilife_video::{
+    Orientation, VideoError, probe, writing::spherical_boxes::mark_equirectangular,
+};
 use support::{Clip, erp_clip, erp_direction, world_colour};
 
 use crate::support;
@@ -142,6 +144,34 @@ fn longer_sound_and_a_late_start_are_no_truncation() {
         let out = folder.join("cut-out").join(name);
         let error = curate_video(&cut, &out, &lenient(), &Silent).unwrap_err();
         assert!(error.to_string().contains("truncated"), "{error}");
+    }
+}
+
+/// An injector that was told of VR180 by mistake: a whole sphere in frames of 2:1.
+#[test]
+fn a_whole_sphere_that_is_stated_as_a_half_is_taken_by_its_pixels() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "a.mp4", &[1], 20, 10);
+    mark_equirectangular(&video, Orientation::default()).unwrap();
+    let mut bytes = fs::read(&video).unwrap();
+    // Behind the name come version and flags, then the omissions at the top, the bottom, on the left and on the right.
+    let at = bytes.windows(4).position(|word| word == b"equi").unwrap() + 8;
+    let quarters = [0_u32, 0, 1 << 30, 1 << 30].map(u32::to_be_bytes);
+    bytes[at..at + 16].copy_from_slice(quarters.as_flattened());
+    fs::write(&video, bytes).unwrap();
+    assert!(probe(&video).unwrap().spherical.unwrap().is_front_half);
+    for (folder, accept) in [("found", None), ("said", Some(VideoProjection::Erp))] {
+        let settings = CurateSettings {
+            accept,
+            ..lenient()
+        };
+        let (out, notes) = (temp.path().join(folder), Notes::default());
+        curate_video(&video, &out, &settings, &notes).unwrap();
+        let sequence: Sequence = store::read_record(&out.join("seq-000/sequence.json")).unwrap();
+        assert_eq!(sequence.frames.converted_from, None);
+        let notes = notes.take();
+        let is_told = notes.iter().any(|line| line.contains("the pixels say erp"));
+        assert!(is_told || accept.is_some(), "{notes:?}");
     }
 }
 
