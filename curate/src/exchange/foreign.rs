@@ -12,7 +12,7 @@ use omnilife_schemas::{
     records::{PoseSource, Scale, SceneObject},
 };
 
-use super::{ForeignDistance, ForeignSplit, driving::Drive};
+use super::{ForeignDistance, ForeignSplit, MaskMeaning, driving::Drive};
 use crate::{poses::frame_camera::FrameCamera, stills::Still};
 
 /// A scene of another program.
@@ -118,6 +118,16 @@ pub struct ForeignMask {
 }
 
 impl ForeignMask {
+    /// Returns the share of a frame that it marks as moving, from that of its marked greys. It is 0 if masks are declared
+    /// to mark what is ignored.
+    pub(super) fn moving_share(&self, marked: f64, meaning: MaskMeaning) -> f64 {
+        match meaning {
+            MaskMeaning::Ignored => 0.0,
+            MaskMeaning::Moving if self.black_is_dynamic => 1.0 - marked,
+            MaskMeaning::Moving => marked,
+        }
+    }
+
     /// Returns the greys that it marks, moving or not. In masks of pixels to use, black is everything excluded.
     pub(super) fn marked_greys(&self) -> MarkedGreys {
         if self.black_is_dynamic {

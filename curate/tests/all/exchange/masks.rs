@@ -205,3 +205,38 @@ fn images_that_no_frame_has_are_told() {
         assert!(!lines.any(|line| is_of_unread_images(line)), "{problems:?}");
     }
 }
+
+/// White marks dynamic regions in masks of some programs, and black in those of COLMAP.
+#[test]
+fn masks_that_mark_most_as_moving_are_told() {
+    let lines = |greys: [u8; 3], masks: MaskMeaning| -> Vec<String> {
+        let images = ["images/a.png", "images/b.png", "images/c.png"];
+        let foreign = Foreign::new([32, 16], &images.map(|name| (name, 1)));
+        let rows = [(1, 1, "a.png", 1), (2, 1, "b.png", 2), (3, 1, "c.png", 3)];
+        write_colmap_text(
+            &foreign,
+            "sparse/0",
+            "1 EQUIRECTANGULAR 32 16 32 16\n",
+            &rows,
+        );
+        for (name, grey) in ["a", "b", "c"].into_iter().zip(greys) {
+            // A corner keeps the mask from marking everything.
+            let colour = |x: u32, _| if x < 3 { [255 - grey; 3] } else { [grey; 3] };
+            foreign.paint(&format!("masks/{name}.png.png"), colour);
+        }
+        let out = foreign.path().join("out");
+        let request = ImportRequest {
+            frames_per_second: Some(10.0),
+            masks,
+            ..ImportRequest::new(&foreign.path().join("in"), "colmap", "foreign", &out)
+        };
+        let problems = import(&request).unwrap().validation.problems.into_iter();
+        problems.filter(|line| line.contains("as moving")).collect()
+    };
+    assert_eq!(lines([255; 3], MaskMeaning::Moving), [""; 0]);
+    assert_eq!(lines([0, 255, 255], MaskMeaning::Moving), [""; 0]);
+    let found = lines([0, 255, 0], MaskMeaning::Moving);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(found[0].starts_with("masks mark 91 %"), "{found:?}");
+    assert_eq!(lines([0; 3], MaskMeaning::Ignored), [""; 0]);
+}
