@@ -117,6 +117,14 @@ fn sequences_of(
     admission::enforce(video, &criteria::admit(&criteria, &early, settings.enforce))?;
 
     let asked = asked_layout(video, &probe, settings, progress)?;
+    if let (Some(layout), Some(stated)) = (asked, sphere_layouts::stated(&probe))
+        && layout != stated
+    {
+        progress.note(&format!(
+            "{}: its container states {stated}, and --projection takes it as {layout}",
+            video.display()
+        ));
+    }
     claim(video, folder, source)?;
     let _lock = FolderLock::take(folder, progress)?;
     let measured = match settings.select {

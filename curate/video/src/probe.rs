@@ -276,11 +276,12 @@ fn side_data_of(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
     };
     let stereo = raw_fields::side_data(stream, SideData::Stereo)
         .and_then(|layout| raw_fields::stereo_name(&layout));
-    let name = if extent == Extent::FrontHalf {
+    let has_padding = raw_fields::padding(&mapping).is_none_or(|pixels| pixels > 0);
+    let name = match projection {
         // A single tile.
-        "equirectangular"
-    } else {
-        projection
+        _ if extent == Extent::FrontHalf => "equirectangular",
+        spherical_boxes::CUBEMAP if has_padding => spherical_boxes::OTHER_CUBEMAP,
+        _ => projection,
     };
     let (pose, turn_fault) = turn("a pose", raw_fields::pose(&mapping));
     Some(SphericalMetadata {

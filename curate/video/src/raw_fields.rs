@@ -256,6 +256,11 @@ pub(super) fn bounds(mapping: &[u8]) -> Option<[u32; 4]> {
     ])
 }
 
+/// Returns the padding of cube faces in the bytes of an `AVSphericalMapping`, pixels.
+pub(super) fn padding(mapping: &[u8]) -> Option<u32> {
+    integer_at(mapping, offset_of!(ffi::AVSphericalMapping, padding))
+}
+
 /// Returns yaw, pitch and roll in the bytes of an `AVSphericalMapping`, degrees in 16.16.
 pub(super) fn pose(mapping: &[u8]) -> Option<[i32; 3]> {
     let at = |offset| {
