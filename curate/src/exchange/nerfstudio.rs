@@ -30,7 +30,7 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera, PinholeCamera},
     points::PointCloud,
-    store::StoreError,
+    store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
 
@@ -38,7 +38,7 @@ use super::{
     ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Part, Writer, file_of, left_out,
     stem,
 };
-use crate::error::CurateError;
+use crate::{error::CurateError, frame_order};
 
 /// The format.
 pub const FORMAT: Format = Format {
@@ -221,6 +221,14 @@ fn file_for<'a>(folder: &Path, name: &'a str) -> Cow<'a, str> {
     }
 }
 
+/// Returns a line on files of points beside a `transforms.json` that names none: nerfstudio reads the named one alone.
+fn unnamed_points(folder: &Path) -> Result<Option<String>, StoreError> {
+    let mut names = store::names_in(folder)?;
+    names.retain(|name| frame_order::has_extension(Path::new(name), &["ply"]));
+    let what = "files of points that are not read, as transforms.json has no ply_file_path";
+    Ok(left_out::line(&names, what))
+}
+
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let path = folder.join(TRANSFORMS_FILE);
     let malformed = |reason: String| StoreError::malformed(&path, reason);
@@ -255,7 +263,10 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             distance: None,
         });
     }
-    let beside = left_out::unread_images(folder, &frames)?;
+    let mut beside = left_out::unread_images(folder, &frames)?;
+    if transforms.ply_file_path.is_none() {
+        beside.extend(unnamed_points(folder)?);
+    }
     Ok(ForeignScene {
         missing_images,
         notes: left_out::line(&unread, "entries of transforms.json that are not read")

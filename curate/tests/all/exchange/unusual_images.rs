@@ -220,3 +220,27 @@ fn colours_that_are_lost_are_told() {
     let copied = fs::read(foreign.path().join("out").join(&scene.frames[2].image));
     assert_eq!(copied.unwrap(), profiled);
 }
+
+/// Older versions of `ns-process-data` name no points, and others leave theirs beside a file of another program.
+#[test]
+fn points_that_no_file_names_are_told() {
+    let foreign = Foreign::new([32, 16], &[("images/a.png", 1)]);
+    let ply = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+               end_header\n1 2 3\n";
+    foreign.write("sparse_pc.ply", ply);
+    let text = transforms(&["images/a.png"]);
+    for (text, are_read) in [
+        (text.clone(), false),
+        (
+            text.replacen('{', "{\"ply_file_path\": \"sparse_pc.ply\",", 1),
+            true,
+        ),
+    ] {
+        foreign.write("transforms.json", text);
+        let scene = foreign.import("nerfstudio").unwrap();
+        assert_eq!(scene.points.is_some(), are_read);
+        let problems = &scene.validation.problems;
+        let is_told = problems.iter().any(|line| line.contains("sparse_pc.ply"));
+        assert_eq!(is_told, !are_read, "{problems:?}");
+    }
+}
