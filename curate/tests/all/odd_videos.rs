@@ -175,6 +175,32 @@ fn a_whole_sphere_that_is_stated_as_a_half_is_taken_by_its_pixels() {
     }
 }
 
+/// FFmpeg's scaler would take them for those of another matrix.
+#[test]
+fn colours_of_a_matrix_that_is_not_converted_are_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    erp_clip(folder, "a.mp4", &[1], 20, 10);
+    for (matrix, refused) in [
+        ("bt470bg", None),
+        ("ycgco", Some("YCgCo")),
+        ("ictcp", Some("ICtCp")),
+    ] {
+        let video = folder.join(format!("{matrix}.mkv"));
+        let words = format!("-i a.mp4 -c:v mpeg4 -q:v 2 -colorspace {matrix} {matrix}.mkv");
+        ffmpeg(folder, &words);
+        let found = curate_video(&video, &folder.join(matrix), &lenient(), &Silent);
+        match (found, refused) {
+            (Ok(_), None) => {}
+            (Err(error), Some(name)) => {
+                assert_eq!(error.error_kind(), ErrorKind::User);
+                assert!(error.to_string().contains(name), "{error}");
+            }
+            (found, _) => panic!("{matrix}: {found:?}"),
+        }
+    }
+}
+
 /// A camcorder's fields, and one frame a moment in the same coding.
 #[test]
 fn interlaced_frames_are_counted_and_told() {
