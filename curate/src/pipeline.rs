@@ -297,6 +297,14 @@ fn analysed(
                 probe.transfer
             ));
         }
+        if probe.is_wide_gamut() {
+            progress.note(&format!(
+                "{}: its colours have the primaries of {}, wider than those of sRGB, and are used as coded: they look \
+                 paler than they are",
+                video.display(),
+                probe.primaries
+            ));
+        }
         projection::note_turns(video, &probe, progress);
         let projection = projection::judge(&probe, samples.images());
         let mut shot_samples = shot_samples.finish();

@@ -201,6 +201,26 @@ fn colours_of_a_matrix_that_is_not_converted_are_refused() {
     }
 }
 
+#[test]
+fn primaries_wider_than_those_of_the_frames_are_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    erp_clip(folder, "a.mp4", &[1], 20, 10);
+    for (primaries, is_wide) in [("bt709", false), ("bt2020", true), ("smpte432", true)] {
+        let video = folder.join(format!("{primaries}.mkv"));
+        let words =
+            format!("-i a.mp4 -c:v mpeg4 -q:v 2 -color_primaries {primaries} {primaries}.mkv");
+        ffmpeg(folder, &words);
+        let (out, notes) = (folder.join(primaries), Notes::default());
+        curate_video(&video, &out, &lenient(), &notes).unwrap();
+        let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
+        assert_eq!(analysis.probe.primaries, primaries);
+        let notes = notes.take();
+        let is_told = notes.iter().any(|line| line.contains("primaries"));
+        assert_eq!(is_told, is_wide, "{notes:?}");
+    }
+}
+
 /// A camcorder's fields, and one frame a moment in the same coding.
 #[test]
 fn interlaced_frames_are_counted_and_told() {

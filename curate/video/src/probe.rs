@@ -81,6 +81,7 @@ pub fn describe(reader: &VideoReader) -> Result<Probe, VideoError> {
         rotation_degrees,
         pixel_aspect_ratio: pixel_aspect_ratio(decoder),
         transfer: raw_fields::transfer_name(decoder).to_owned(),
+        primaries: raw_fields::primaries_name(decoder).to_owned(),
         spherical: spherical(path, reader.input().format().name(), &stream)?,
     })
 }
