@@ -31,7 +31,8 @@ use omnilife_schemas::{
 };
 
 use super::{
-    ExportScene, ForeignFrame, ForeignScene, Format, Part, Writer, left_out, masks::black_mask,
+    ExportScene, ForeignFrame, ForeignScene, Format, FramePixels, Part, Writer, left_out,
+    masks::black_mask,
 };
 use crate::{
     error::CurateError,
@@ -170,6 +171,8 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let mut notes = left_out::unread_images(&root, &frames)?;
     notes.extend(files.note);
     Ok(ForeignScene {
+        // COLMAP does not turn images (`Bitmap::Read` in `src/colmap/sensor/bitmap.cc`).
+        pixels: FramePixels::Stored,
         image_folders: left_out::folders_below(&images)?,
         missing_images,
         notes,

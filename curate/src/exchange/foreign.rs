@@ -7,9 +7,11 @@ use std::{
 
 use omnilife_schemas::{
     Pose,
+    image_file::{ImageFile, ShownImage},
     mask_file::MarkedGreys,
     points::PointCloud,
     records::{PoseSource, Scale, SceneObject},
+    store::StoreError,
 };
 
 use super::{ForeignDistance, ForeignSplit, MaskMeaning, driving::Drive};
@@ -22,6 +24,8 @@ pub struct ForeignScene {
     pub camera: FrameCamera,
     /// Frames with existing images, in any order.
     pub frames: Vec<ForeignFrame>,
+    /// Pixels of the images that poses refer to.
+    pub pixels: FramePixels,
     /// Length of a unit of the world, if the format states it.
     pub scale: Scale,
     /// World points; empty where the format has none.
@@ -56,6 +60,7 @@ impl ForeignScene {
         Self {
             camera,
             frames,
+            pixels: FramePixels::Shown,
             scale: Scale::Arbitrary,
             points: PointCloud::default(),
             pose_source: None,
@@ -69,6 +74,39 @@ impl ForeignScene {
             stills_note: String::new(),
             drive: None,
             notes: Vec::new(),
+        }
+    }
+}
+
+/// Pixels of images with a rotation in their EXIF data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FramePixels {
+    /// Those that viewers show, turned.
+    Shown,
+    /// Those of the file, for programs that ignore the rotation.
+    Stored,
+}
+
+impl FramePixels {
+    /// Returns width and height of an image.
+    ///
+    /// # Errors
+    /// When its EXIF data cannot be read.
+    pub(super) fn size(self, mut image: ImageFile<'_>) -> Result<[usize; 2], StoreError> {
+        match self {
+            Self::Shown => image.shown_size(),
+            Self::Stored => Ok(image.size()),
+        }
+    }
+
+    /// Decodes an image.
+    ///
+    /// # Errors
+    /// When it is damaged.
+    pub(super) fn decoded(self, image: ImageFile<'_>) -> Result<ShownImage, StoreError> {
+        match self {
+            Self::Shown => image.decode_shown(),
+            Self::Stored => image.decode_stored(),
         }
     }
 }

@@ -35,8 +35,8 @@ use omnilife_schemas::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Part, Writer, file_of, left_out,
-    stem,
+    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, FramePixels, Part, Writer,
+    file_of, left_out, stem,
 };
 use crate::{error::CurateError, frame_order};
 
@@ -268,6 +268,8 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         beside.extend(unnamed_points(folder)?);
     }
     Ok(ForeignScene {
+        // Its data set does not turn images (`get_numpy_image` in `nerfstudio/data/datasets/base_dataset.py`).
+        pixels: FramePixels::Stored,
         missing_images,
         notes: left_out::line(&unread, "entries of transforms.json that are not read")
             .into_iter()

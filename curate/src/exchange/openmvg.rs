@@ -34,8 +34,8 @@ use omnilife_schemas::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ExportScene, ForeignFrame, ForeignScene, Format, Part, Writer, left_out, masks::black_mask,
-    stem,
+    ExportScene, ForeignFrame, ForeignScene, Format, FramePixels, Part, Writer, left_out,
+    masks::black_mask, stem,
 };
 use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 
@@ -369,6 +369,8 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let views = views.views.iter();
     let images = views.map(|view| view.value.data().filename.as_str());
     Ok(ForeignScene {
+        // OpenMVG does not turn images (`ReadJpgStream` in `src/openMVG/image/image_io.cpp`).
+        pixels: FramePixels::Stored,
         missing_images,
         published_split: lists::published_split(folder, images, &mut notes)?,
         points: read_points(folder, &mut notes)?,
