@@ -49,6 +49,8 @@ pub struct Analysis {
     pub signature: SignaturePass,
     /// Frames and packets that were damaged.
     pub damaged_frames: u64,
+    /// Frames that are marked as interlaced.
+    pub interlaced_frames: u64,
 }
 
 /// Converts frames of other sphere layouts to equirectangular images.
@@ -207,7 +209,9 @@ pub(crate) fn analyse_with(
     let range = TimeRange::new(first, last + interval);
     refuse_truncated(video, &reader, &probe, &range)?;
     measure_rate(&mut probe, &times, reader.seconds_per_tick());
-    if probe.duration_seconds <= 0.0 {
+    // A duration of the whole file may be that of longer sound, or include a late start.
+    let surplus = probe.duration_seconds - range.duration_seconds();
+    if probe.duration_seconds <= 0.0 || surplus > tolerated_seconds(&probe) {
         probe.duration_seconds = range.duration_seconds();
     }
     probe.decoded_frames = Some(times.len() as u64);
@@ -226,6 +230,7 @@ pub(crate) fn analyse_with(
         mosaics,
         signature,
         damaged_frames: reader.damaged(),
+        interlaced_frames: reader.interlaced(),
     })
 }
 
@@ -264,25 +269,43 @@ fn refuse_truncated(
     probe: &Probe,
     range: &TimeRange,
 ) -> Result<(), CurateError> {
-    let covered = range.duration_seconds();
-    let missing = probe.duration_seconds - covered;
-    let tolerated = TRUNCATION_SECONDS.max(TRUNCATION_SHARE * probe.duration_seconds);
-    if missing > tolerated {
+    let filled = filled_seconds(reader, probe, range);
+    if probe.duration_seconds - filled > tolerated_seconds(probe) {
         return Err(CurateError::video(
             video,
             format!(
-                "is truncated: frames end after {covered:.2} s, its container states {:.2} s",
+                "is truncated: ends after {filled:.2} s, its container states {:.2} s",
                 probe.duration_seconds
             ),
         ));
     }
     if reader.ends_in_partial_packet() {
+        let covered = range.duration_seconds();
         return Err(CurateError::video(
             video,
             format!("is truncated: its last packet is cut off, at {covered:.2} s"),
         ));
     }
     Ok(())
+}
+
+/// Returns the time by which frames may end before the stated duration.
+fn tolerated_seconds(probe: &Probe) -> f64 {
+    TRUNCATION_SECONDS.max(TRUNCATION_SHARE * probe.duration_seconds)
+}
+
+/// Returns the time that the content of a file fills, counted as its stated duration is. A duration of the video stream
+/// is that of its frames. One of the whole file includes longer sound, and in Matroska the time before the first packet.
+fn filled_seconds(reader: &VideoReader, probe: &Probe, range: &TimeRange) -> f64 {
+    let covered = range.duration_seconds();
+    let is_of_stream = reader.stream().is_some_and(|stream| stream.duration() > 0);
+    match reader.packet_times() {
+        Some([first, last]) if !is_of_stream => {
+            let counts_from_zero = probe.container.split(',').any(|name| name == "matroska");
+            covered.max(if counts_from_zero { last } else { last - first })
+        }
+        _ => covered,
+    }
 }
 
 /// Returns true if some interval deviates from the typical one by more than half a percent and by more than the

@@ -101,7 +101,10 @@ fn sequences_of(
     let early_layout = match settings.layout {
         Some(LayoutChoice::Known(layout)) => Some(layout),
         Some(LayoutChoice::UnknownDualFisheye) => Some(sphere_layouts::NARROWEST_DUAL_FISHEYE),
-        None => sphere_layouts::stated(&probe),
+        None if settings.accept.is_some() => None,
+        // Frames of another shape than the stated layout's are judged by their pixels.
+        None => sphere_layouts::stated(&probe)
+            .filter(|layout| sphere_layouts::expect_shape(*layout, probe.upright_size()).is_ok()),
     };
     frames::frame_size(video, &probe, settings.width, settings.accept, early_layout)?;
     // Faults in the header and the time stamps need no decoding of gigabytes.
@@ -114,6 +117,14 @@ fn sequences_of(
     admission::enforce(video, &criteria::admit(&criteria, &early, settings.enforce))?;
 
     let asked = asked_layout(video, &probe, settings, progress)?;
+    if let (Some(layout), Some(stated)) = (asked, sphere_layouts::stated(&probe))
+        && layout != stated
+    {
+        progress.note(&format!(
+            "{}: its container states {stated}, and --projection takes it as {layout}",
+            video.display()
+        ));
+    }
     claim(video, folder, source)?;
     let _lock = FolderLock::take(folder, progress)?;
     let measured = match settings.select {
@@ -263,10 +274,18 @@ fn analysed(
             mosaics,
             mut signature,
             damaged_frames,
+            interlaced_frames,
         } = analysis::analyse_with(video, detector, asked, measured, progress)?;
         if damaged_frames > 0 {
             progress.note(&format!(
                 "{}: {damaged_frames} damaged frames were patched up or left out",
+                video.display()
+            ));
+        }
+        if interlaced_frames > 0 {
+            progress.note(&format!(
+                "{}: {interlaced_frames} frames are marked as interlaced and used as stored; if each has rows of two \
+                 moments, take the rows apart first: ffmpeg -i IN -vf bwdif OUT",
                 video.display()
             ));
         }
@@ -276,6 +295,14 @@ fn analysed(
                  coded, not tone-mapped",
                 video.display(),
                 probe.transfer
+            ));
+        }
+        if probe.is_wide_gamut() {
+            progress.note(&format!(
+                "{}: its colours have the primaries of {}, wider than those of sRGB, and are used as coded: they look \
+                 paler than they are",
+                video.display(),
+                probe.primaries
             ));
         }
         projection::note_turns(video, &probe, progress);
@@ -312,6 +339,7 @@ fn analysed(
             projection,
             probe,
             damaged_frames,
+            interlaced_frames,
             signals: SIGNALS_FILE.to_owned(),
         };
         signals.write_parquet(&folder.join(SIGNALS_FILE))?;

@@ -5,7 +5,8 @@
 //!
 //! Scene images and predictions are read by one rule, [`plain_rgb8`]. It refuses images that programs show in
 //! different ways: transparent ones, and those with a rotation in their EXIF data. An import reads such files as
-//! viewers show them, [`ImageFile::decode_shown`], and writes plain ones.
+//! viewers show them, [`ImageFile::decode_shown`], or as a program reads them that ignores the rotation,
+//! [`ImageFile::decode_stored`], and writes plain ones.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -120,10 +121,10 @@ pub fn plain_rgb8(mut decoder: impl ImageDecoder) -> Result<Vec<u8>, NotPlain> {
     Ok(image.into_rgb8().into_raw())
 }
 
-/// Image as viewers show it.
+/// Image as viewers show it, or without the rotation that its EXIF data ask for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ShownImage {
-    /// Width and height in pixels, rotated as its EXIF data ask.
+    /// Width and height in pixels.
     pub size: [usize; 2],
     /// `height * width * 3` values, 8-bit interleaved RGB; black where it is not opaque.
     pub rgb: Vec<u8>,
@@ -303,21 +304,16 @@ impl<'a> ImageFile<'a> {
         let orientation = self.orientation()?;
         let mut image = self.decode()?;
         image.apply_orientation(orientation);
-        let [width, height] = [image.width(), image.height()].map(|side| side as usize);
-        let transparent = transparent_pixels(&image).map(|data| Mask::new(width, height, data));
-        let mut rgb = image.into_rgb8().into_raw();
-        if let Some(mask) = &transparent {
-            let pixels = rgb.as_chunks_mut::<3>().0.iter_mut().zip(&mask.data);
-            for (pixel, _) in pixels.filter(|(_, mark)| **mark != 0) {
-                *pixel = [0; 3];
-            }
-        }
-        Ok(ShownImage {
-            size: [width, height],
-            rgb,
-            transparent,
-            is_turned: orientation != Orientation::NoTransforms,
-        })
+        Ok(shown(image, orientation))
+    }
+
+    /// Decodes the image without the rotation that its EXIF data ask for.
+    ///
+    /// # Errors
+    /// When it is damaged.
+    pub fn decode_stored(mut self) -> Result<ShownImage, StoreError> {
+        let orientation = self.orientation()?;
+        Ok(shown(self.decode()?, orientation))
     }
 
     /// Decodes an image of 16-bit grey values, row by row.
@@ -336,6 +332,25 @@ impl<'a> ImageFile<'a> {
             DynamicImage::ImageLuma16(image) => Ok(image.into_raw()),
             _ => Err(of_another_kind()),
         }
+    }
+}
+
+/// Returns the pixels of an image whose EXIF data ask for a rotation.
+fn shown(image: DynamicImage, orientation: Orientation) -> ShownImage {
+    let [width, height] = [image.width(), image.height()].map(|side| side as usize);
+    let transparent = transparent_pixels(&image).map(|data| Mask::new(width, height, data));
+    let mut rgb = image.into_rgb8().into_raw();
+    if let Some(mask) = &transparent {
+        let pixels = rgb.as_chunks_mut::<3>().0.iter_mut().zip(&mask.data);
+        for (pixel, _) in pixels.filter(|(_, mark)| **mark != 0) {
+            *pixel = [0; 3];
+        }
+    }
+    ShownImage {
+        size: [width, height],
+        rgb,
+        transparent,
+        is_turned: orientation != Orientation::NoTransforms,
     }
 }
 

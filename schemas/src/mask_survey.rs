@@ -1,5 +1,5 @@
-//! Oddities of masks, checked before their use: encodings that need an assumption, and masks of the ignored region
-//! that mark most of a scene, or nothing.
+//! Oddities of masks, checked before their use: encodings that need an assumption, masks that mark most of a scene, and
+//! masks of the ignored region that mark nothing.
 
 use std::{
     collections::BTreeMap,
@@ -29,6 +29,8 @@ pub struct MaskSurvey {
     stretched: Vec<(PathBuf, [usize; 2])>,
     /// Share that each frame's ignore mask marks.
     ignored_shares: Vec<f64>,
+    /// Share that each frame's mask marks as moving.
+    moving_shares: Vec<f64>,
 }
 
 impl MaskSurvey {
@@ -76,6 +78,11 @@ impl MaskSurvey {
         self.ignored_shares.push(share);
     }
 
+    /// Counts a frame of which a mask marks this share as moving.
+    pub fn add_moving_share(&mut self, share: f64) {
+        self.moving_shares.push(share);
+    }
+
     /// Returns notes for users and for readers of results. They name files with their own folder alone, so that they
     /// do not depend on the location of a scene.
     pub fn notes(&self) -> Vec<String> {
@@ -112,6 +119,14 @@ impl MaskSurvey {
                 "ignored regions are {:.0} % of the sphere (median of {frames} frames): is its mask \
                  inverted? It is white where nothing is to be learned or scored",
                 100.0 * share
+            ));
+        }
+        if let Some(share) = median(&self.moving_shares).filter(|&share| share > INVERTED_SHARE) {
+            notes.push(format!(
+                "masks mark {:.0} % of what the camera sees as moving (median of {} frames): are black and white \
+                 exchanged?",
+                100.0 * share,
+                self.moving_shares.len()
             ));
         }
         notes

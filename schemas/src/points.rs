@@ -23,6 +23,13 @@ pub struct PointCloud<T = f64> {
     pub colours: Vec<[u8; 3]>,
 }
 
+/// Names that programs give the properties of a colour: most, those after older readers of VTK, and those that shorten.
+const COLOUR_NAMES: [[&str; 3]; 3] = [
+    ["red", "green", "blue"],
+    ["diffuse_red", "diffuse_green", "diffuse_blue"],
+    ["r", "g", "b"],
+];
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum PlyFormat {
     Ascii,
@@ -113,8 +120,8 @@ impl<T> PointCloud<T> {
 
 impl PointCloud {
     /// Reads an ASCII or binary little-endian PLY whose first element is `vertex` with scalar properties x, y, z and
-    /// optionally uchar red, green, blue (grey without). Points with coordinates that are not finite, also as 32-bit
-    /// floats, are refused.
+    /// optionally uchar red, green, blue (grey without), which may also be called `diffuse_red` and so on, or r, g, b.
+    /// Points with coordinates that are not finite, also as 32-bit floats, are refused.
     ///
     /// # Errors
     /// When the file is missing, malformed or truncated.
@@ -132,10 +139,13 @@ impl PointCloud {
         let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(|name| table.column(name)) else {
             return Err("PLY vertices have no x, y, z".to_owned());
         };
-        let colour = match ["red", "green", "blue"].map(|name| table.column(name)) {
-            [Some(r), Some(g), Some(b)] => Some([r, g, b]),
-            _ => None,
-        };
+        let colour =
+            COLOUR_NAMES
+                .into_iter()
+                .find_map(|names| match names.map(|name| table.column(name)) {
+                    [Some(r), Some(g), Some(b)] => Some([r, g, b]),
+                    _ => None,
+                });
         // Colours in [0, 1] or 16 bits would silently turn black or white.
         if let Some(columns) = colour
             && columns

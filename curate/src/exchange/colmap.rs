@@ -31,7 +31,8 @@ use omnilife_schemas::{
 };
 
 use super::{
-    ExportScene, ForeignFrame, ForeignScene, Format, Part, Writer, left_out, masks::black_mask,
+    ExportScene, ForeignFrame, ForeignScene, Format, FramePixels, Part, Writer, left_out,
+    masks::black_mask,
 };
 use crate::{
     error::CurateError,
@@ -167,10 +168,14 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             distance: None,
         });
     }
+    let mut notes = left_out::unread_images(&root, &frames)?;
+    notes.extend(files.note);
     Ok(ForeignScene {
+        // COLMAP does not turn images (`Bitmap::Read` in `src/colmap/sensor/bitmap.cc`).
+        pixels: FramePixels::Stored,
         image_folders: left_out::folders_below(&images)?,
         missing_images,
-        notes: files.note.into_iter().collect(),
+        notes,
         points: model.cloud(),
         ..ForeignScene::new(model.camera, frames, &root)
     })

@@ -7,12 +7,14 @@ use std::{
 
 use omnilife_schemas::{
     Pose,
+    image_file::{ImageFile, ShownImage},
     mask_file::MarkedGreys,
     points::PointCloud,
     records::{PoseSource, Scale, SceneObject},
+    store::StoreError,
 };
 
-use super::{ForeignDistance, ForeignSplit, driving::Drive};
+use super::{ForeignDistance, ForeignSplit, MaskMeaning, driving::Drive};
 use crate::{poses::frame_camera::FrameCamera, stills::Still};
 
 /// A scene of another program.
@@ -22,6 +24,8 @@ pub struct ForeignScene {
     pub camera: FrameCamera,
     /// Frames with existing images, in any order.
     pub frames: Vec<ForeignFrame>,
+    /// Pixels of the images that poses refer to.
+    pub pixels: FramePixels,
     /// Length of a unit of the world, if the format states it.
     pub scale: Scale,
     /// World points; empty where the format has none.
@@ -56,6 +60,7 @@ impl ForeignScene {
         Self {
             camera,
             frames,
+            pixels: FramePixels::Shown,
             scale: Scale::Arbitrary,
             points: PointCloud::default(),
             pose_source: None,
@@ -69,6 +74,39 @@ impl ForeignScene {
             stills_note: String::new(),
             drive: None,
             notes: Vec::new(),
+        }
+    }
+}
+
+/// Pixels of images with a rotation in their EXIF data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FramePixels {
+    /// Those that viewers show, turned.
+    Shown,
+    /// Those of the file, for programs that ignore the rotation.
+    Stored,
+}
+
+impl FramePixels {
+    /// Returns width and height of an image.
+    ///
+    /// # Errors
+    /// When its EXIF data cannot be read.
+    pub(super) fn size(self, mut image: ImageFile<'_>) -> Result<[usize; 2], StoreError> {
+        match self {
+            Self::Shown => image.shown_size(),
+            Self::Stored => Ok(image.size()),
+        }
+    }
+
+    /// Decodes an image.
+    ///
+    /// # Errors
+    /// When it is damaged.
+    pub(super) fn decoded(self, image: ImageFile<'_>) -> Result<ShownImage, StoreError> {
+        match self {
+            Self::Shown => image.decode_shown(),
+            Self::Stored => image.decode_stored(),
         }
     }
 }
@@ -118,6 +156,16 @@ pub struct ForeignMask {
 }
 
 impl ForeignMask {
+    /// Returns the share of a frame that it marks as moving, from that of its marked greys. It is 0 if masks are declared
+    /// to mark what is ignored.
+    pub(super) fn moving_share(&self, marked: f64, meaning: MaskMeaning) -> f64 {
+        match meaning {
+            MaskMeaning::Ignored => 0.0,
+            MaskMeaning::Moving if self.black_is_dynamic => 1.0 - marked,
+            MaskMeaning::Moving => marked,
+        }
+    }
+
     /// Returns the greys that it marks, moving or not. In masks of pixels to use, black is everything excluded.
     pub(super) fn marked_greys(&self) -> MarkedGreys {
         if self.black_is_dynamic {

@@ -1,7 +1,7 @@
 //! Images of imported frames: copied byte for byte if every program shows them alike, otherwise rewritten.
 //!
-//! Transparent pixels become black and ignored; images are turned by their EXIF orientation. Poses and masks of such
-//! frames are taken to refer to the images as viewers show them.
+//! Transparent pixels become black and ignored. Images are turned by their EXIF orientation, unless the format's program
+//! ignores it: poses and masks then refer to the images as stored, which are written without it.
 
 use std::path::Path;
 
@@ -15,10 +15,10 @@ use omnilife_schemas::{
     store,
 };
 
-use super::{ForeignFrame, driving};
+use super::{ForeignFrame, FramePixels, driving};
 use crate::{
     error::CurateError,
-    poses::{frame_camera::write_straight, lens::Straightening},
+    poses::lens::Straightening,
     stills::{Colours, Placement, colour_notes},
 };
 
@@ -32,6 +32,8 @@ pub(super) struct FrameImage {
     pub(super) is_transparent: bool,
     /// True if it was turned or mirrored.
     pub(super) is_turned: bool,
+    /// True if it asks to be, and stays as stored.
+    pub(super) stays_as_stored: bool,
     /// True if it shows nothing.
     pub(super) is_single_colour: bool,
     /// Colours of the source image.
@@ -59,6 +61,7 @@ impl FrameImage {
             is_transparent: false,
             ignored: outside.marks_anything().then_some(outside),
             is_turned: false,
+            stays_as_stored: false,
             is_single_colour: rgb::is_single_colour(&image.to_rgb8()),
             colours: Colours::of(&mut ImageFile::open(&frame.image)?)?,
         })
@@ -71,7 +74,11 @@ impl FrameImage {
     pub(super) fn import(
         frame: &ForeignFrame,
         name: &str,
-        (straightening, placement): (Option<&Straightening>, Option<&Placement>),
+        (straightening, placement, pixels): (
+            Option<&Straightening>,
+            Option<&Placement>,
+            FramePixels,
+        ),
         out: &Path,
     ) -> Result<Self, CurateError> {
         let mut source = ImageFile::open(&frame.image)?;
@@ -80,8 +87,9 @@ impl FrameImage {
             size: [mut width, mut height],
             mut rgb,
             mut transparent,
-            is_turned,
-        } = source.decode_shown()?;
+            is_turned: asks_for_turn,
+        } = pixels.decoded(source)?;
+        let is_turned = asks_for_turn && pixels == FramePixels::Shown;
         let is_transparent = transparent.is_some();
         if let Some(placement) = placement {
             [width, height] = placement.full().map(|side| side as usize);
@@ -96,8 +104,9 @@ impl FrameImage {
                               out: give opaque and upright images";
                 return Err(CurateError::input(&frame.image, reason));
             }
-            write_straight(lens, &frame.image, &out.join(&file))?;
-        } else if transparent.is_some() || is_turned {
+            let straight = lens.image(&RgbImage::from_rgb8(width, height, &rgb));
+            straight.write_png(&out.join(&file))?;
+        } else if transparent.is_some() || asks_for_turn {
             file = format!("{FRAMES_FOLDER}/{}.png", super::stem(name));
             let path = out.join(&file);
             super::refuse_second(&path)?;
@@ -112,6 +121,7 @@ impl FrameImage {
             is_transparent,
             ignored: transparent,
             is_turned,
+            stays_as_stored: asks_for_turn && !is_turned,
             is_single_colour,
             colours,
         })
@@ -123,6 +133,7 @@ impl FrameImage {
 pub(super) struct UnusualFrames {
     transparent: Vec<String>,
     turned: Vec<String>,
+    as_stored: Vec<String>,
     single_colour: Vec<String>,
     colours: Vec<(String, Colours)>,
 }
@@ -132,6 +143,7 @@ impl UnusualFrames {
         for (frames, is_one) in [
             (&mut self.transparent, image.is_transparent),
             (&mut self.turned, image.is_turned),
+            (&mut self.as_stored, image.stays_as_stored),
             (&mut self.single_colour, image.is_single_colour),
         ] {
             frames.extend(is_one.then(|| name.to_owned()));
@@ -149,6 +161,10 @@ impl UnusualFrames {
             (
                 &self.turned,
                 "were turned or mirrored as their EXIF data ask",
+            ),
+            (
+                &self.as_stored,
+                "ask by their EXIF data to be turned or mirrored, and stay as stored, as the format's program reads them",
             ),
             (
                 &self.single_colour,

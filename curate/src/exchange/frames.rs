@@ -50,7 +50,7 @@ use omnilife_schemas::{
 use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::{ForeignFrame, ForeignMask, ForeignScene, Format, Part, Writer};
+use super::{ForeignFrame, ForeignMask, ForeignScene, Format, Part, Writer, left_out};
 use crate::{
     error::CurateError, frame_order, motion::pinhole_turns::GreyFrame, poses::turns, stills,
 };
@@ -156,12 +156,14 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         moment: None,
         distance: None,
     });
+    let frames: Vec<ForeignFrame> = frames.collect();
     Ok(ForeignScene {
         objects: listed_objects(folder, &objects)?,
         scale: posed.scale,
         points: posed.points,
         pose_source: Some(posed.source),
-        ..ForeignScene::new(posed.camera.into(), frames.collect(), folder)
+        notes: left_out::unread_images(folder, &frames)?,
+        ..ForeignScene::new(posed.camera.into(), frames, folder)
     })
 }
 

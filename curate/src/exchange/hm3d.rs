@@ -35,7 +35,8 @@ use omnilife_schemas::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Writer, parts::numbered_name,
+    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Writer, left_out,
+    parts::numbered_name,
 };
 use crate::{error::CurateError, frame_order, poses::frame_camera::FrameCamera};
 
@@ -205,15 +206,12 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         .first()
         .ok_or_else(|| CurateError::input(folder, "has no panoramas"))?;
     let [width, height] = ImageFile::open(&first.image)?.shown_size()?;
-    Ok(ForeignScene::new(
-        FrameCamera::Straight(
-            ErpCamera {
-                width: width as u32,
-                height: height as u32,
-            }
-            .into(),
-        ),
-        frames,
-        folder,
-    ))
+    let camera = ErpCamera {
+        width: width as u32,
+        height: height as u32,
+    };
+    Ok(ForeignScene {
+        notes: left_out::unread_images(folder, &frames)?,
+        ..ForeignScene::new(FrameCamera::Straight(camera.into()), frames, folder)
+    })
 }

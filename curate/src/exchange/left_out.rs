@@ -3,15 +3,17 @@
 use std::{
     collections::BTreeSet,
     ffi::OsStr,
+    fs,
     path::{Path, PathBuf},
 };
 
 use omnilife_schemas::{
+    layout::IGNORE_MASKS_FOLDER,
     plain_text,
     store::{self, StoreError},
 };
 
-use super::ForeignScene;
+use super::{ForeignFrame, ForeignScene};
 use crate::{error::CurateError, frame_order};
 
 /// Extensions of images, including kinds that are not read.
@@ -58,6 +60,76 @@ pub(super) fn images_beside(scene: &ForeignScene) -> Result<Vec<PathBuf>, StoreE
     }
     left.sort_by(|a, b| frame_order::natural_paths(a, b));
     Ok(left)
+}
+
+/// Returns lines on images in folders beside those of the frames, of which a format reads masks or distances: folders of
+/// which it reads nothing, and files of others that no frame has.
+///
+/// # Errors
+/// When a folder cannot be listed.
+pub(super) fn unread_images(
+    root: &Path,
+    frames: &[ForeignFrame],
+) -> Result<Vec<String>, StoreError> {
+    // The same file may be named in several ways.
+    let same = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let images: BTreeSet<PathBuf> = frames
+        .iter()
+        .filter_map(|frame| frame.image.parent())
+        .map(same)
+        .collect();
+    let read: BTreeSet<PathBuf> = frames
+        .iter()
+        .flat_map(|frame| {
+            let mask = frame.mask.iter().map(|mask| &mask.file);
+            let distance = frame.distance.iter().map(|distance| &distance.file);
+            mask.chain(distance).chain(frame.objects.values())
+        })
+        .map(|file| same(file))
+        .collect();
+    let (mut folders, mut files) = (Vec::new(), Vec::new());
+    for folder in store::paths_in(root)? {
+        let name = folder.file_name().unwrap_or_default().to_string_lossy();
+        let whole = same(&folder);
+        let has_frames = images.iter().any(|images| images.starts_with(&whole));
+        if !folder.is_dir() || has_frames || name.starts_with('.') || name == IGNORE_MASKS_FOLDER {
+            continue;
+        }
+        let all = images_below(&folder)?;
+        let unread = all.iter().filter(|file| !read.contains(&same(file)));
+        let unread: Vec<&PathBuf> = unread.collect();
+        if unread.is_empty() {
+            continue;
+        }
+        if unread.len() == all.len() {
+            folders.push(format!("{name}/ with {}", all.len()));
+        } else {
+            let names = unread
+                .iter()
+                .map(|file| file.strip_prefix(root).unwrap_or(file));
+            files.extend(names.map(|name| name.display().to_string()));
+        }
+    }
+    folders.sort();
+    let whole = line(
+        &folders,
+        "folders of images that are not read, masks or distances under other names than the format's among them",
+    );
+    let single = line(&files, "masks or distances that no frame has");
+    Ok(whole.into_iter().chain(single).collect())
+}
+
+/// Returns the images in a folder and below it, in natural order.
+fn images_below(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let mut images = Vec::new();
+    for folder in folders_below(folder)? {
+        images.extend(store::paths_in(&folder)?);
+    }
+    images.retain(|file| {
+        !store::is_hidden(file) && frame_order::has_extension(file, &IMAGES) && file.is_file()
+    });
+    images.sort_by(|a, b| frame_order::natural_paths(a, b));
+    Ok(images)
 }
 
 /// Returns the names of missing images of a scene that are links whose target is missing.

@@ -47,7 +47,7 @@ use omnilife_schemas::{
 pub use cube_faces::CubeFaces;
 pub(crate) use cube_faces::face_image;
 pub use distances::{DistanceEncoding, ForeignDistance};
-pub use foreign::{ForeignFrame, ForeignMask, ForeignScene, FrameRate};
+pub use foreign::{ForeignFrame, ForeignMask, ForeignScene, FramePixels, FrameRate};
 pub use own_record::scene_id;
 pub use parts::Part;
 pub use published_split::ForeignSplit;

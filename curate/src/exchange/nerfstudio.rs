@@ -30,15 +30,15 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera, PinholeCamera},
     points::PointCloud,
-    store::StoreError,
+    store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Part, Writer, file_of, left_out,
-    stem,
+    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, FramePixels, Part, Writer,
+    file_of, left_out, stem,
 };
-use crate::error::CurateError;
+use crate::{error::CurateError, frame_order};
 
 /// The format.
 pub const FORMAT: Format = Format {
@@ -221,6 +221,14 @@ fn file_for<'a>(folder: &Path, name: &'a str) -> Cow<'a, str> {
     }
 }
 
+/// Returns a line on files of points beside a `transforms.json` that names none: nerfstudio reads the named one alone.
+fn unnamed_points(folder: &Path) -> Result<Option<String>, StoreError> {
+    let mut names = store::names_in(folder)?;
+    names.retain(|name| frame_order::has_extension(Path::new(name), &["ply"]));
+    let what = "files of points that are not read, as transforms.json has no ply_file_path";
+    Ok(left_out::line(&names, what))
+}
+
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let path = folder.join(TRANSFORMS_FILE);
     let malformed = |reason: String| StoreError::malformed(&path, reason);
@@ -255,7 +263,13 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             distance: None,
         });
     }
+    let mut beside = left_out::unread_images(folder, &frames)?;
+    if transforms.ply_file_path.is_none() {
+        beside.extend(unnamed_points(folder)?);
+    }
     Ok(ForeignScene {
+        // Its data set does not turn images (`get_numpy_image` in `nerfstudio/data/datasets/base_dataset.py`).
+        pixels: FramePixels::Stored,
         missing_images,
         notes: left_out::line(&unread, "entries of transforms.json that are not read")
             .into_iter()
@@ -263,6 +277,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
                 &renamed,
                 "images that have other names than in transforms.json",
             ))
+            .chain(beside)
             .collect(),
         points: match &transforms.ply_file_path {
             Some(file) => PointCloud::read_ply(&file_of(folder, &file_for(folder, file))?)?,

@@ -34,7 +34,8 @@ use omnilife_schemas::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ExportScene, ForeignFrame, ForeignScene, Format, Part, Writer, masks::black_mask, stem,
+    ExportScene, ForeignFrame, ForeignScene, Format, FramePixels, Part, Writer, left_out,
+    masks::black_mask, stem,
 };
 use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 
@@ -359,7 +360,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         });
     }
     let landmarks = views.structure.len().max(extrinsics.structure.len());
-    let mut notes = Vec::new();
+    let mut notes = left_out::unread_images(folder, &frames)?;
     if landmarks > 0 {
         notes.push(format!(
             "{landmarks} landmarks of the structure are not read: points come from {POINTS_FILE}"
@@ -368,6 +369,8 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let views = views.views.iter();
     let images = views.map(|view| view.value.data().filename.as_str());
     Ok(ForeignScene {
+        // OpenMVG does not turn images (`ReadJpgStream` in `src/openMVG/image/image_io.cpp`).
+        pixels: FramePixels::Stored,
         missing_images,
         published_split: lists::published_split(folder, images, &mut notes)?,
         points: read_points(folder, &mut notes)?,

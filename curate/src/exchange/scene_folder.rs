@@ -184,10 +184,10 @@ fn write(
             (Some(own), Camera::Pinhole(common)) => {
                 FrameImage::resampled(frame, name, (own, common), out)?
             }
-            _ => FrameImage::import(frame, name, (lens, placement), out)?,
+            _ => FrameImage::import(frame, name, (lens, placement, source.scene.pixels), out)?,
         };
         unusual.add(name, &image);
-        look_at_masks(source, frame, &mut masks)?;
+        look_at_masks(source, (frame, request.masks), &mut masks)?;
         let ignored = ignored(source, frame, request)?;
         if let Some(mask) = &ignored {
             masks.add_ignored_share(mask.marked_share(&camera));
@@ -335,7 +335,7 @@ fn check_size(scene: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateEr
         // Checked already; they may show a part of their sphere.
         return Ok(());
     }
-    let [width, height] = ImageFile::open(&frame.image)?.shown_size()?;
+    let [width, height] = scene.pixels.size(ImageFile::open(&frame.image)?)?;
     let view = (scene.drive.as_ref()).and_then(|drive| drive.view(&frame.image));
     let expected = view.map_or_else(|| scene.camera.camera().size(), |view| view.size);
     if [width, height] == expected {
@@ -395,12 +395,13 @@ fn united(one: Option<Mask>, other: Option<Mask>) -> Option<Mask> {
 /// Determines the assumptions about the masks of a frame.
 fn look_at_masks(
     source: &Source<'_>,
-    frame: &ForeignFrame,
+    (frame, meaning): (&ForeignFrame, MaskMeaning),
     masks: &mut MaskSurvey,
 ) -> Result<(), StoreError> {
     let camera = source.scene.camera.camera();
     if let Some(mask) = &frame.mask {
-        masks.add(&mask.file, &camera, mask.marked_greys())?;
+        let marked = masks.add(&mask.file, &camera, mask.marked_greys())?;
+        masks.add_moving_share(mask.moving_share(marked, meaning));
     }
     let own = own_ignore_mask(source, frame);
     for file in frame.objects.values().chain(&own) {

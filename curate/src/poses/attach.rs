@@ -67,7 +67,10 @@ pub fn attach(
         true => Some(store::read_record(&sequence_path)?),
         false => None,
     };
-    let frames = FrameList::of_scene(&scene, sequence.as_ref());
+    let mut frames = FrameList::of_scene(&scene, sequence.as_ref());
+    if sequence.is_some() {
+        frames = frames.with_video_of(folder);
+    }
     let gets_poses = request.poses.is_some() || request.programs.poses.is_some();
     if gets_poses {
         refuse_posed(&scene_path, &scene)?;

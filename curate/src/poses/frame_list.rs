@@ -1,10 +1,14 @@
 //! Frames that poses and files are matched to: those of a sequence, or of a scene.
 
+use std::path::Path;
+
 use glam::dvec2;
 use omnilife_schemas::{
     camera::{Camera, CameraModel, ErpCamera},
-    records::{FrameEntry, Scene, Sequence},
+    layout::ANALYSIS_FILE,
+    records::{FrameEntry, Scene, Sequence, VideoAnalysis},
     rgb::Mask,
+    store,
 };
 
 use crate::sphere_layouts;
@@ -31,6 +35,8 @@ pub(super) struct FrameList {
     pub(super) tolerance_seconds: f64,
     /// Directions that the video does not store.
     pub(super) unrecorded: Option<Mask>,
+    /// Time stamp of the first frame of the whole video, seconds, if it is known.
+    pub(super) video_begins: Option<f64>,
 }
 
 impl FrameList {
@@ -50,7 +56,18 @@ impl FrameList {
                 LEAST_TOLERANCE_SECONDS
             },
             unrecorded: unrecorded(sequence),
+            video_begins: None,
         }
+    }
+
+    /// Adds the start of the video by the analysis beside the folder of its sequence. Without one, poses are not compared
+    /// with it.
+    pub(super) fn with_video_of(mut self, sequence_folder: &Path) -> Self {
+        let analysis = sequence_folder
+            .parent()
+            .and_then(|video| store::read_record::<VideoAnalysis>(&video.join(ANALYSIS_FILE)).ok());
+        self.video_begins = analysis.map(|analysis| analysis.range.begin_seconds);
+        self
     }
 
     /// Lists the frames of a scene; their poses must lie within half the shortest interval between two frames.
@@ -83,6 +100,7 @@ impl FrameList {
                 LEAST_TOLERANCE_SECONDS
             },
             unrecorded: sequence.and_then(unrecorded),
+            video_begins: None,
         }
     }
 
@@ -164,6 +182,7 @@ mod tests {
             camera,
             tolerance_seconds: 0.1,
             unrecorded: None,
+            video_begins: None,
         };
         let known = frames(Some(pinhole(50.0)));
         assert_eq!(known.camera_with(None), Ok(pinhole(50.0)));

@@ -1,7 +1,7 @@
 //! Poses given by the user: a `poses.json`, a folder with a COLMAP model, a TUM trajectory, or matrices as `.npy`.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
 };
@@ -9,6 +9,7 @@ use std::{
 use omnilife_schemas::{
     Pose,
     camera::Camera,
+    plain_text,
     points::PointCloud,
     pose,
     records::{FrameEntry, PoseConvention, PoseSource, PoseValidation, PosedFrame, Poses, Scale},
@@ -233,6 +234,9 @@ fn from_record(path: &Path, frames: &FrameList) -> Result<PosedSequence, CurateE
     validation
         .problems
         .extend(other_times(&record.frames, &poses, frames));
+    validation
+        .problems
+        .extend(before_the_video(&record.frames, frames));
     let masked = masks.iter().flatten().count();
     if masked > 0 && masked < masks.len() {
         validation.problems.push(format!(
@@ -262,6 +266,19 @@ fn other_times(given: &[PosedFrame], poses: &[Option<Pose>], frames: &FrameList)
         format!(
             "poses are from {first:.3} s to {last:.3} s, the frames from {begin:.3} s to {end:.3} s: their times may \
              have another unit or start"
+        )
+    })
+}
+
+/// Returns a line on poses from before the first frame of the video: they may count from that frame, while frames have
+/// the time stamps of the video. `given` is sorted by time.
+fn before_the_video(given: &[PosedFrame], frames: &FrameList) -> Option<String> {
+    let first = frames.video_begins?;
+    let earliest = given.first()?.time_seconds;
+    (earliest < first - frames.tolerance_seconds).then(|| {
+        format!(
+            "poses start at {earliest:.3} s, and the video's first frame has the time stamp {first:.3} s: add {first:.3} \
+             to times that count from that frame"
         )
     })
 }
@@ -322,6 +339,7 @@ fn from_colmap(folder: &Path, frames: &FrameList) -> Result<PosedSequence, Curat
     } else {
         unchecked(&poses)
     };
+    validation.problems.extend(other_images(&by_name, &names));
     validation.problems.extend(colmap::files(folder)?.note);
     Ok(PosedSequence {
         camera: model.camera.resized(camera.width(), camera.height()),
@@ -331,6 +349,23 @@ fn from_colmap(folder: &Path, frames: &FrameList) -> Result<PosedSequence, Curat
         scale: Scale::Arbitrary,
         source: given_by(folder),
         validation,
+    })
+}
+
+/// Returns a line on images of a model that are no frames: it may be of images that are numbered otherwise.
+fn other_images(of_model: &BTreeMap<String, Pose>, frames: &[String]) -> Option<String> {
+    let known: BTreeSet<&String> = frames.iter().collect();
+    let others = of_model.keys().filter(|name| !known.contains(name));
+    let others: Vec<String> = others.cloned().collect();
+    let (first, last) = (frames.first()?, frames.last()?);
+    (!others.is_empty()).then(|| {
+        format!(
+            "{} of {} images of the model are no frames ({}); frames are named {first} to {last}, and a model of images \
+             that are numbered otherwise gives them the poses of others",
+            others.len(),
+            of_model.len(),
+            plain_text::first_of(&others)
+        )
     })
 }
 

@@ -157,7 +157,7 @@ pub fn pose_sequence_with(
     if let PoseRequest::Given(path) = request {
         given::matrix_convention(path, convention)?;
     }
-    let frame_list = FrameList::of_sequence(&sequence);
+    let frame_list = FrameList::of_sequence(&sequence).with_video_of(sequence_folder);
     let truth = truth.find(&frame_list)?;
     let mut plan = truth.add_inputs(plan(sequence_folder, &sequence, request, progress)?)?;
     if let Some(scale) = scale {

@@ -227,11 +227,11 @@ impl TruthFiles {
         camera: &Camera,
     ) -> Result<Vec<String>, CurateError> {
         let mut survey = MaskSurvey::default();
-        for file in moving
-            .iter()
-            .flatten()
-            .chain(self.classes.values().flatten())
-        {
+        for file in moving.iter().flatten() {
+            let share = survey.add(file, camera, MarkedGreys::AboveHalf)?;
+            survey.add_moving_share(share);
+        }
+        for file in self.classes.values().flatten() {
             survey.add(file, camera, MarkedGreys::AboveHalf)?;
         }
         for file in self.ignored.given_files() {

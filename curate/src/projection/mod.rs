@@ -232,7 +232,9 @@ fn by_metadata(probe: &Probe) -> Option<(VideoProjection, String)> {
         ("equirectangular", "side by side") => VideoProjection::ErpStereoLr,
         ("equirectangular", _) if aspect::is_two_to_one(probe) => VideoProjection::Erp,
         ("equirectangular", _) => VideoProjection::ErpSqueezed,
-        ("cubemap" | "equiangular cubemap", _) => VideoProjection::Eac,
+        ("cubemap" | "cubemap of another layout" | "equiangular cubemap", _) => {
+            VideoProjection::Eac
+        }
         ("fisheye", _) => VideoProjection::Fisheye,
         ("rectilinear", _) => VideoProjection::Rectilinear,
         // A mesh is an arbitrary map from image to sphere; nothing here reads it.

@@ -11,7 +11,7 @@ mod sampler;
 
 use omnilife_schemas::{
     RgbImage,
-    records::{DetectedProjection, FisheyeCircle, Probe, SphereLayout, VideoProjection},
+    records::{DetectedProjection, FaceOrder, FisheyeCircle, Probe, SphereLayout, VideoProjection},
     rgb::Mask,
 };
 use omnilife_video::Rgb8Image;
@@ -177,8 +177,8 @@ pub(crate) fn projection(layout: SphereLayout) -> VideoProjection {
     }
 }
 
-/// Returns the layout if the evidence leaves no doubt: stereo, and equi-angular faces and halves of the sphere if
-/// stated by the container. No image shows the order of other faces or the field of view of a lens.
+/// Returns the layout if the evidence leaves no doubt: stereo, and faces of a cube and halves of the sphere if stated by
+/// the container. No image shows the order of faces or the field of view of a lens.
 pub(crate) fn evident(found: &DetectedProjection, probe: &Probe) -> Option<SphereLayout> {
     // If halves are alike and their borders dark, seams and poles of a half look like those of a whole. A single image
     // that closes around and has caps is not stereo.
@@ -196,9 +196,18 @@ pub(crate) fn evident(found: &DetectedProjection, probe: &Probe) -> Option<Spher
 /// Returns the layout that the container alone states, before any frame is decoded.
 pub(crate) fn stated(probe: &Probe) -> Option<SphereLayout> {
     let spherical = probe.spherical.as_ref()?;
-    let whole = spherical.projection == "equiangular cubemap" && !spherical.is_cropped;
-    whole
-        .then_some(SphereLayout::EquiangularCubemap)
+    let is_single = matches!(spherical.stereo.as_deref(), None | Some("2D"));
+    let faces = match spherical.projection.as_str() {
+        "equiangular cubemap" => Some(SphereLayout::EquiangularCubemap),
+        // Version 1 has no layout of faces.
+        "cubemap" if is_single && spherical.origin != "v1" => Some(SphereLayout::Cubemap {
+            columns: 3,
+            faces: FaceOrder::STANDARD,
+        }),
+        _ => None,
+    };
+    faces
+        .filter(|_| !spherical.is_cropped)
         .or_else(|| stated_half(probe))
 }
 

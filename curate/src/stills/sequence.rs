@@ -158,6 +158,7 @@ fn analyse(stills: &Stills, source: &SourceVideo) -> Result<VideoAnalysis, Curat
         layout: None,
         overlays: None,
         damaged_frames: 0,
+        interlaced_frames: 0,
         signals: String::new(),
     })
 }

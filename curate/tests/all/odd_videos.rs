@@ -3,8 +3,16 @@
 use std::{fs, path::Path, process::Command};
 
 use omnilife_curate::{CurateSettings, analysis::timed_probe, curate_video};
-use omnilife_schemas::{Classified, ErrorKind, progress::Silent, records::VideoProjection};
-use omnilife_video::{VideoError, probe};
+use omnilife_schemas::{
+    Classified, ErrorKind,
+    progress::Silent,
+    records::{Sequence, VideoAnalysis, VideoProjection},
+    store,
+    testing::Notes,
+};
+use omnilife_video::{
+    Orientation, VideoError, probe, writing::spherical_boxes::mark_equirectangular,
+};
 use support::{Clip, erp_clip, erp_direction, world_colour};
 
 use crate::support;
@@ -78,6 +86,161 @@ fn a_stream_is_no_sphere_where_another_one_has_its_other_half() {
         &with_cover,
     );
     assert_eq!(probe(&with_cover).unwrap().width, 192);
+}
+
+/// Players show the stream that is marked as the default, and so does FFmpeg's choice.
+#[test]
+fn a_preview_that_is_the_default_is_not_taken_for_the_video() {
+    let temp = tempfile::tempdir().unwrap();
+    let large = clip(temp.path(), "large.mp4", 192, 96);
+    let small = clip(temp.path(), "small.mp4", 96, 48);
+    for (first, second, expected) in [(&large, &small, Some(192)), (&small, &large, None)] {
+        let both = temp.path().join("both.mkv");
+        let marks = ["-disposition:v:0", "default", "-disposition:v:1", "0"];
+        joined(&[first, second], &marks, &both);
+        match (probe(&both), expected) {
+            (Ok(found), Some(width)) => assert_eq!(found.width, width),
+            (Err(error @ VideoError::Unusable { .. }), None) => {
+                let message = error.to_string();
+                for part in ["0:0, of 96x48", "0:1 of 192x96"] {
+                    assert!(message.contains(part), "{message}");
+                }
+            }
+            (found, expected) => panic!("{found:?}, and not {expected:?}"),
+        }
+    }
+}
+
+/// Runs `ffmpeg` with these words, in a folder.
+fn ffmpeg(folder: &Path, words: &str) {
+    let mut command = Command::new("ffmpeg");
+    command.args(["-nostdin", "-v", "error", "-y"]);
+    let ended = command.args(words.split(' ')).current_dir(folder).status();
+    assert!(ended.unwrap().success(), "{words}");
+}
+
+/// Matroska states one duration for the whole file, which counts from 0 to the end of its last stream.
+#[test]
+fn longer_sound_and_a_late_start_are_no_truncation() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    erp_clip(folder, "a.mp4", &[1], 20, 10);
+    let sound = "-f lavfi -t 6 -i sine=440 -map 0:v -map 1:a -c:v copy -c:a pcm_s16le";
+    ffmpeg(folder, &format!("-i a.mp4 {sound} sound.mkv"));
+    ffmpeg(folder, "-i a.mp4 -c copy -output_ts_offset 7 late.mkv");
+    for (name, stated) in [("sound.mkv", 6.0), ("late.mkv", 9.0)] {
+        let video = folder.join(name);
+        let header = probe(&video).unwrap().duration_seconds;
+        assert!((header - stated).abs() < 0.3, "{name}: {header}");
+        let out = folder.join("out").join(name);
+        curate_video(&video, &out, &lenient(), &Silent).unwrap();
+        let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
+        let found = analysis.probe.duration_seconds;
+        assert!((found - 2.0).abs() < 0.11, "{name}: {found}");
+        // Cut off, both lack what they state.
+        let bytes = fs::read(&video).unwrap();
+        let cut = folder.join(format!("cut-{name}"));
+        fs::write(&cut, &bytes[..bytes.len() * 6 / 10]).unwrap();
+        let out = folder.join("cut-out").join(name);
+        let error = curate_video(&cut, &out, &lenient(), &Silent).unwrap_err();
+        assert!(error.to_string().contains("truncated"), "{error}");
+    }
+}
+
+/// An injector that was told of VR180 by mistake: a whole sphere in frames of 2:1.
+#[test]
+fn a_whole_sphere_that_is_stated_as_a_half_is_taken_by_its_pixels() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "a.mp4", &[1], 20, 10);
+    mark_equirectangular(&video, Orientation::default()).unwrap();
+    let mut bytes = fs::read(&video).unwrap();
+    // Behind the name come version and flags, then the omissions at the top, the bottom, on the left and on the right.
+    let at = bytes.windows(4).position(|word| word == b"equi").unwrap() + 8;
+    let quarters = [0_u32, 0, 1 << 30, 1 << 30].map(u32::to_be_bytes);
+    bytes[at..at + 16].copy_from_slice(quarters.as_flattened());
+    fs::write(&video, bytes).unwrap();
+    assert!(probe(&video).unwrap().spherical.unwrap().is_front_half);
+    for (folder, accept) in [("found", None), ("said", Some(VideoProjection::Erp))] {
+        let settings = CurateSettings {
+            accept,
+            ..lenient()
+        };
+        let (out, notes) = (temp.path().join(folder), Notes::default());
+        curate_video(&video, &out, &settings, &notes).unwrap();
+        let sequence: Sequence = store::read_record(&out.join("seq-000/sequence.json")).unwrap();
+        assert_eq!(sequence.frames.converted_from, None);
+        let notes = notes.take();
+        let is_told = notes.iter().any(|line| line.contains("the pixels say erp"));
+        assert!(is_told || accept.is_some(), "{notes:?}");
+    }
+}
+
+/// FFmpeg's scaler would take them for those of another matrix.
+#[test]
+fn colours_of_a_matrix_that_is_not_converted_are_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    erp_clip(folder, "a.mp4", &[1], 20, 10);
+    for (matrix, refused) in [
+        ("bt470bg", None),
+        ("ycgco", Some("YCgCo")),
+        ("ictcp", Some("ICtCp")),
+    ] {
+        let video = folder.join(format!("{matrix}.mkv"));
+        let words = format!("-i a.mp4 -c:v mpeg4 -q:v 2 -colorspace {matrix} {matrix}.mkv");
+        ffmpeg(folder, &words);
+        let found = curate_video(&video, &folder.join(matrix), &lenient(), &Silent);
+        match (found, refused) {
+            (Ok(_), None) => {}
+            (Err(error), Some(name)) => {
+                assert_eq!(error.error_kind(), ErrorKind::User);
+                assert!(error.to_string().contains(name), "{error}");
+            }
+            (found, _) => panic!("{matrix}: {found:?}"),
+        }
+    }
+}
+
+#[test]
+fn primaries_wider_than_those_of_the_frames_are_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    erp_clip(folder, "a.mp4", &[1], 20, 10);
+    for (primaries, is_wide) in [("bt709", false), ("bt2020", true), ("smpte432", true)] {
+        let video = folder.join(format!("{primaries}.mkv"));
+        let words =
+            format!("-i a.mp4 -c:v mpeg4 -q:v 2 -color_primaries {primaries} {primaries}.mkv");
+        ffmpeg(folder, &words);
+        let (out, notes) = (folder.join(primaries), Notes::default());
+        curate_video(&video, &out, &lenient(), &notes).unwrap();
+        let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
+        assert_eq!(analysis.probe.primaries, primaries);
+        let notes = notes.take();
+        let is_told = notes.iter().any(|line| line.contains("primaries"));
+        assert_eq!(is_told, is_wide, "{notes:?}");
+    }
+}
+
+/// A camcorder's fields, and one frame a moment in the same coding.
+#[test]
+fn interlaced_frames_are_counted_and_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    erp_clip(folder, "a.mp4", &[1], 40, 20);
+    let fields = "-vf tinterlace=interleave_top -flags +ildct+ilme -top 1";
+    for (name, options, expected) in [("fields.mkv", fields, 20), ("frames.mkv", "-g 10", 0)] {
+        ffmpeg(
+            folder,
+            &format!("-i a.mp4 {options} -c:v mpeg2video -q:v 2 {name}"),
+        );
+        let (out, notes) = (folder.join("out").join(name), Notes::default());
+        curate_video(&folder.join(name), &out, &lenient(), &notes).unwrap();
+        let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
+        assert_eq!(analysis.interlaced_frames, expected, "{name}");
+        let notes = notes.take();
+        let is_told = notes.iter().any(|line| line.contains("interlaced"));
+        assert_eq!(is_told, expected > 0, "{notes:?}");
+    }
 }
 
 /// The first frame of a video.

@@ -2,6 +2,7 @@
 //! frames are those of the original, at least as nearly as `v360` itself brings them back.
 
 use std::{
+    fs,
     path::{Path, PathBuf},
     process::Command,
 };
@@ -20,6 +21,7 @@ use omnilife_schemas::{
     testing::Notes,
     testing::skip,
 };
+use omnilife_video::{Orientation, probe, writing::spherical_boxes::mark_equirectangular};
 use support::{Clip, erp_direction, world_colour};
 
 use crate::support;
@@ -148,6 +150,48 @@ fn frames_of_every_layout_are_those_of_the_original() {
             (sequence.frames.width, sequence.frames.height),
             (WIDTH, WIDTH / 2)
         );
+    }
+}
+
+/// The order of faces that Spherical Video V2 defines is that of `v360`.
+#[test]
+fn cube_faces_that_the_container_states_need_no_option() {
+    let temp = tempfile::tempdir().unwrap();
+    let erp = original(temp.path());
+    let (truth, _) = frames(&erp, None, &Notes::default());
+    let file = |name: &str| temp.path().join(name);
+    let stored = file("cube.mp4");
+    if !filtered(&erp, "v360=e:c3x2:w=384:h=256:interp=cubic", &stored) {
+        skip("FFmpeg with its filter v360 and libx264 is missing");
+        return;
+    }
+    mark_equirectangular(&stored, Orientation::default()).unwrap();
+    let mut bytes = fs::read(&stored).unwrap();
+    // A box of another name: version and flags, layout and padding are 0.
+    let at = bytes.windows(4).position(|word| word == b"equi").unwrap();
+    bytes[at..at + 4].copy_from_slice(b"cbmp");
+    for name in ["cube.mp4", "taken-as-eac.mp4"] {
+        fs::write(file(name), &bytes).unwrap();
+    }
+    let notes = Notes::default();
+    let (found, sequence) = frames(&stored, None, &notes);
+    let layout: SphereLayout = "cubemap-3x2".parse().unwrap();
+    assert_eq!(sequence.frames.converted_from, Some(layout));
+    let ours = psnr(&found, &truth);
+    assert!(ours > 30.0, "{ours:.2} dB");
+    let is_told = |notes: &Notes| notes.take().join("|").contains("container states");
+    assert!(!is_told(&notes));
+    let eac = LayoutChoice::Known(SphereLayout::EquiangularCubemap);
+    frames(&file("taken-as-eac.mp4"), Some(eac), &notes);
+    assert!(is_told(&notes));
+    let projection = |video: &Path| probe(video).unwrap().spherical.unwrap().projection;
+    assert_eq!(projection(&stored), "cubemap");
+    // A padding of eight pixels, and a layout that is not defined.
+    for place in [15, 11] {
+        let mut changed = bytes.clone();
+        changed[at + place] = 8;
+        fs::write(file("changed.mp4"), changed).unwrap();
+        assert_ne!(projection(&file("changed.mp4")), "cubemap");
     }
 }
 

@@ -133,6 +133,11 @@ impl Converter {
             space: colour.space,
             range: colour.range,
         };
+        if let Some(name) = unknown_matrix(colour.space) {
+            let reason = format!("its colours have the matrix {name}, which is not converted");
+            let advice = "have them converted: ffmpeg -i IN -vf zscale=matrix=709 OUT";
+            return Err(VideoError::mendable(path, reason, advice));
+        }
         let unsupported = |error: ffmpeg::Error| {
             VideoError::unusable(
                 path,
@@ -225,6 +230,19 @@ impl Configuration {
                     | PixelFormat::YUVJ444P
                     | PixelFormat::YUVJ440P
             )
+    }
+}
+
+/// Returns the name of a matrix between YUV and RGB that the scaler does not know: it would take another one.
+fn unknown_matrix(space: color::Space) -> Option<&'static str> {
+    match space {
+        color::Space::YCGCO => Some("YCgCo"),
+        color::Space::SMPTE2085 => Some("SMPTE 2085"),
+        color::Space::ChromaDerivedNCL | color::Space::ChromaDerivedCL => {
+            Some("derived from primaries")
+        }
+        color::Space::ICTCP => Some("ICtCp"),
+        _ => None,
     }
 }
 

@@ -68,8 +68,10 @@ pub struct VideoReader {
     stream_index: usize,
     seconds_per_tick: f64,
     last_seconds: Option<f64>,
+    packet_times: Option<[f64; 2]>,
     frames: u64,
     damaged: u64,
+    interlaced: u64,
     last_packet_is_partial: bool,
     draining: bool,
     only_key_frames: bool,
@@ -132,8 +134,10 @@ impl VideoReader {
             path: path.to_owned(),
             decoder,
             last_seconds: None,
+            packet_times: None,
             frames: 0,
             damaged: 0,
+            interlaced: 0,
             last_packet_is_partial: false,
             draining: false,
             only_key_frames: false,
@@ -173,9 +177,20 @@ impl VideoReader {
         self.damaged
     }
 
+    /// Returns the number of frames so far that are marked as interlaced: rows of two moments alternate in them.
+    pub fn interlaced(&self) -> u64 {
+        self.interlaced
+    }
+
     /// Returns the unit of the source's timestamps, seconds.
     pub fn seconds_per_tick(&self) -> f64 {
         self.seconds_per_tick
+    }
+
+    /// Returns the times of the earliest and the latest packet so far, seconds, those of sound and other streams among
+    /// them.
+    pub fn packet_times(&self) -> Option<[f64; 2]> {
+        self.packet_times
     }
 
     /// Returns true if the last packet of the stream was cut off, as in a truncated file.
@@ -213,7 +228,11 @@ impl VideoReader {
         let packet = loop {
             // A new one every time: reading into a filled packet would leak what it holds.
             let mut packet = ffmpeg::Packet::empty();
-            match packet.read(&mut self.input) {
+            let read = packet.read(&mut self.input);
+            if read.is_ok() {
+                self.note_time(&packet);
+            }
+            match read {
                 Ok(())
                     if packet.stream() == self.stream_index
                         && (packet.is_key() || !self.only_key_frames) =>
@@ -236,6 +255,17 @@ impl VideoReader {
                 Ok(())
             }
             Err(error) => Err(self.broken(&error)),
+        }
+    }
+
+    /// Takes the time of a packet of any stream into account.
+    fn note_time(&mut self, packet: &ffmpeg::Packet) {
+        let stream = self.input.stream(packet.stream());
+        let ticks = packet.pts().or_else(|| packet.dts());
+        if let (Some(stream), Some(ticks)) = (stream, ticks) {
+            let seconds = ticks as f64 * f64::from(stream.time_base());
+            let [first, last] = self.packet_times.unwrap_or([seconds; 2]);
+            self.packet_times = Some([first.min(seconds), last.max(seconds)]);
         }
     }
 
@@ -266,6 +296,7 @@ impl VideoReader {
         if time_seconds.is_some() {
             self.last_seconds = time_seconds;
             self.frames += 1;
+            self.interlaced += u64::from(image.is_interlaced());
         }
         time_seconds
     }

@@ -34,7 +34,8 @@ pub fn probe(path: &Path) -> Result<Probe, VideoError> {
 /// Returns the probe of an open video.
 ///
 /// # Errors
-/// [`VideoError::Unusable`] when its stream has no size, or is stored mirrored, askew or as half a sphere.
+/// [`VideoError::Unusable`] when its stream has no size, or is stored mirrored, askew or as half a sphere. Also when the
+/// file has a larger video stream than its default one.
 pub fn describe(reader: &VideoReader) -> Result<Probe, VideoError> {
     let path = reader.path();
     let stream = reader
@@ -46,6 +47,7 @@ pub fn describe(reader: &VideoReader) -> Result<Probe, VideoError> {
         return Err(VideoError::unusable(path, "its video stream has no size"));
     }
     refuse_other_halves(reader, &stream)?;
+    refuse_larger_stream(reader, &stream)?;
     let format = raw_fields::pixel_format(decoder);
     let matrix = display_matrix(&stream);
     if matrix.is_some_and(|matrix| mirrors(&matrix)) {
@@ -79,6 +81,7 @@ pub fn describe(reader: &VideoReader) -> Result<Probe, VideoError> {
         rotation_degrees,
         pixel_aspect_ratio: pixel_aspect_ratio(decoder),
         transfer: raw_fields::transfer_name(decoder).to_owned(),
+        primaries: raw_fields::primaries_name(decoder).to_owned(),
         spherical: spherical(path, reader.input().format().name(), &stream)?,
     })
 }
@@ -126,6 +129,34 @@ fn refuse_other_halves(
         ),
         "make one equirectangular video of it with the program of the camera's maker",
     ))
+}
+
+/// Refuses a file with a video stream larger than the one that it marks as its default, which is read: a preview.
+fn refuse_larger_stream(
+    reader: &VideoReader,
+    stream: &ffmpeg::Stream<'_>,
+) -> Result<(), VideoError> {
+    let pixels = |[width, height]: [i32; 2]| i64::from(width).saturating_mul(height.into());
+    let Some(size) = raw_fields::video_size(stream) else {
+        return Ok(());
+    };
+    let others = reader.input().streams().filter_map(|other| {
+        let is_cover = other.disposition().contains(Disposition::ATTACHED_PIC);
+        let size = raw_fields::video_size(&other).filter(|_| !is_cover)?;
+        Some((other.index(), size))
+    });
+    let larger = others.max_by_key(|(_, size)| pixels(*size));
+    let larger = larger.filter(|(_, other)| pixels(*other) > pixels(size));
+    let (Some((number, [width, height])), [own_width, own_height]) = (larger, size) else {
+        return Ok(());
+    };
+    let reason = format!(
+        "has video streams of several sizes: the default one, 0:{}, of {own_width}x{own_height} pixels, and 0:{number} \
+         of {width}x{height}",
+        stream.index()
+    );
+    let advice = "keep the one that you mean: ffmpeg -i IN -map 0:NUMBER -c copy OUT";
+    Err(VideoError::mendable(reader.path(), reason, advice))
 }
 
 /// Returns the display matrix, row by row, if the stream has one.
@@ -246,11 +277,12 @@ fn side_data_of(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
     };
     let stereo = raw_fields::side_data(stream, SideData::Stereo)
         .and_then(|layout| raw_fields::stereo_name(&layout));
-    let name = if extent == Extent::FrontHalf {
+    let has_padding = raw_fields::padding(&mapping).is_none_or(|pixels| pixels > 0);
+    let name = match projection {
         // A single tile.
-        "equirectangular"
-    } else {
-        projection
+        _ if extent == Extent::FrontHalf => "equirectangular",
+        spherical_boxes::CUBEMAP if has_padding => spherical_boxes::OTHER_CUBEMAP,
+        _ => projection,
     };
     let (pose, turn_fault) = turn("a pose", raw_fields::pose(&mapping));
     Some(SphericalMetadata {

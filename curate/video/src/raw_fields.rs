@@ -27,6 +27,7 @@ unsafe extern "C" {
     fn avcodec_find_decoder(id: c_uint) -> *const ffi::AVCodec;
     fn avcodec_get_name(id: c_uint) -> *const c_char;
     fn av_color_transfer_name(transfer: c_uint) -> *const c_char;
+    fn av_color_primaries_name(primaries: c_uint) -> *const c_char;
     fn av_spherical_projection_name(projection: c_uint) -> *const c_char;
     fn av_stereo3d_type_name(layout: c_uint) -> *const c_char;
 }
@@ -152,6 +153,17 @@ pub(super) fn transfer_name(decoder: &ffmpeg::decoder::Video) -> &'static str {
     .unwrap_or(UNKNOWN)
 }
 
+/// Returns FFmpeg's name of the colour primaries that a decoder states.
+pub(super) fn primaries_name(decoder: &ffmpeg::decoder::Video) -> &'static str {
+    // SAFETY: the decoder is live; the field is an integer of 32 bits and read as such. The function
+    // takes any integer and returns null or a string of a static table.
+    unsafe {
+        let primaries = addr_of!((*decoder.as_ptr()).color_primaries).cast::<c_uint>();
+        static_name(av_color_primaries_name(primaries.read()))
+    }
+    .unwrap_or(UNKNOWN)
+}
+
 /// Returns the format of the frames that a decoder expects to output.
 pub(super) fn pixel_format(decoder: &ffmpeg::decoder::Video) -> PixelFormat {
     // SAFETY: the decoder is live; the field is an integer of 32 bits and read as such.
@@ -254,6 +266,11 @@ pub(super) fn bounds(mapping: &[u8]) -> Option<[u32; 4]> {
         at(offset_of!(ffi::AVSphericalMapping, bound_right))?,
         at(offset_of!(ffi::AVSphericalMapping, bound_bottom))?,
     ])
+}
+
+/// Returns the padding of cube faces in the bytes of an `AVSphericalMapping`, pixels.
+pub(super) fn padding(mapping: &[u8]) -> Option<u32> {
+    integer_at(mapping, offset_of!(ffi::AVSphericalMapping, padding))
 }
 
 /// Returns yaw, pitch and roll in the bytes of an `AVSphericalMapping`, degrees in 16.16.

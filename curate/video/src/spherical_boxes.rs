@@ -23,6 +23,11 @@ const V1_UUID: [u8; 16] = [
 /// An XML document longer than this is not read.
 const MOST_XML_BYTES: u64 = 1 << 20;
 
+/// Faces without padding in the layout that is defined: right, left and up above down, front and back.
+pub(super) const CUBEMAP: &str = "cubemap";
+/// Faces with padding, or in another layout.
+pub(super) const OTHER_CUBEMAP: &str = "cubemap of another layout";
+
 /// Content of one version of the metadata, in FFmpeg's names.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Statement {
@@ -265,7 +270,12 @@ fn projection(file: &mut (impl Read + Seek), sv3d: Span) -> io::Result<(Option<S
                     };
                     return Ok((Some("equirectangular".to_owned()), extent));
                 }
-                b"cbmp" => return Ok((Some("cubemap".to_owned()), Extent::Whole)),
+                b"cbmp" => {
+                    // Version and flags, then the layout, of which only 0 is defined, and the padding in pixels.
+                    let is_plain = bytes_at::<8>(file, span, 4)? == Some([0; 8]);
+                    let name = if is_plain { CUBEMAP } else { OTHER_CUBEMAP };
+                    return Ok((Some(name.to_owned()), Extent::Whole));
+                }
                 b"mshp" => return Ok((Some("mesh".to_owned()), Extent::Whole)),
                 _ => {}
             }

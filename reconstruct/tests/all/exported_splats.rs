@@ -125,7 +125,7 @@ proptest! {
         let rows = [&odd[..], &[SOUND]].concat();
         write_ply(&source, &rows);
         let asset = exported(&source, out.clone(), &Silent).asset;
-        let invalid = asset.invalid;
+        let invalid = &asset.invalid;
         let left_out = invalid.padding + invalid.transparent + invalid.out_of_reach;
         let all = asset.splats + asset.changes.transparent + left_out;
         prop_assert_eq!(all, rows.len() as u64);

@@ -28,6 +28,9 @@ pub struct VideoAnalysis {
     pub overlays: Option<OverlayReport>,
     /// Frames and packets that the decoder found damaged and patched up or left out.
     pub damaged_frames: u64,
+    /// Frames that are marked as interlaced, used as stored: rows of two moments alternate in them.
+    #[serde(default)]
+    pub interlaced_frames: u64,
     /// Parquet table of the per-frame signals: `time_seconds` and the detector's columns.
     pub signals: String,
 }

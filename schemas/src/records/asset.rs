@@ -140,8 +140,9 @@ pub struct AssetChanges {
     pub dropped_sh_degree: u32,
 }
 
-/// Gaussians of a source that are not valid, counted by what became of them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+/// Gaussians of a source that are not valid, counted by what became of them, and statements of the source on all of
+/// them that images do not follow.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct InvalidGaussians {
     /// Left out because quaternion, log scales and opacity are 0: the padding of files.
     pub padding: u64,
@@ -156,6 +157,16 @@ pub struct InvalidGaussians {
     /// Log scales of a file are all 0 or more and its opacities all in [0, 1], as if `exp` and the sigmoid had
     /// been applied; they were read as if not.
     pub looks_activated: bool,
+    /// Made larger and fainter by the 3D filter of Mip-Splatting, which their file has as a property of its own.
+    #[serde(default)]
+    pub smoothed: u64,
+    /// The file states that they were trained with anti-aliasing, which makes those below a pixel fainter. They are
+    /// drawn without it.
+    #[serde(default)]
+    pub is_antialiased: bool,
+    /// Properties of a PLY beside those of 3DGS, which were not read: motions, features and other things.
+    #[serde(default)]
+    pub unread_properties: Vec<String>,
 }
 
 /// The page that shows the levels.

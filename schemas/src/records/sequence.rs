@@ -150,6 +150,9 @@ pub struct Probe {
     pub pixel_aspect_ratio: f64,
     /// Transfer characteristic, FFmpeg's name: bt709, smpte2084 (PQ), arib-std-b67 (HLG), unknown ...
     pub transfer: String,
+    /// Primaries of colours, FFmpeg's name: bt709, bt2020, smpte432 (Display P3), unknown ...; empty in older records.
+    #[serde(default)]
+    pub primaries: String,
     /// Spherical metadata, where there is any.
     pub spherical: Option<SphericalMetadata>,
 }
@@ -173,6 +176,7 @@ impl Probe {
             rotation_degrees: 0.0,
             pixel_aspect_ratio: 1.0,
             transfer: "unknown".to_owned(),
+            primaries: "unknown".to_owned(),
             spherical: None,
         }
     }
@@ -180,6 +184,11 @@ impl Probe {
     /// Returns whether levels are coded for high dynamic range. They are used as coded, not tone-mapped.
     pub fn is_hdr(&self) -> bool {
         matches!(self.transfer.as_str(), "smpte2084" | "arib-std-b67")
+    }
+
+    /// Returns whether colours have primaries of a wider gamut than that of sRGB. They are used as coded.
+    pub fn is_wide_gamut(&self) -> bool {
+        matches!(self.primaries.as_str(), "bt2020" | "smpte431" | "smpte432")
     }
 
     /// Returns the quarter turns clockwise that bring the coded image upright, 0 to 3.

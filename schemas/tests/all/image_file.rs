@@ -157,6 +157,9 @@ fn what_asks_to_be_turned_is_refused_and_shown_turned() {
         assert_eq!((shown_size, shown.size), (size, size), "{orientation}");
         assert_eq!(shown.rgb[..3], pixel(column, row), "{orientation}");
         assert_eq!(shown.is_turned, !is_plain);
+        let stored = ImageFile::open(&path).unwrap().decode_stored().unwrap();
+        assert_eq!((stored.size, &stored.rgb), ([4, 2], &pixels));
+        assert_eq!(stored.is_turned, !is_plain);
     }
 }
 

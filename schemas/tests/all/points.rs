@@ -166,6 +166,28 @@ fn points_without_colours_are_grey() {
 }
 
 #[test]
+fn colours_have_the_names_that_programs_give_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let colours = |names: &[&str], values: &str| {
+        let names = names.iter().map(|name| format!("\nproperty uchar {name}"));
+        let head = format!("element vertex 1\n{XYZ}{}", names.collect::<String>());
+        let text = ascii(&head, &format!("1 2 3 {values}\n"));
+        read(folder.path(), text.as_bytes()).unwrap().colours
+    };
+    for names in [
+        ["red", "green", "blue"],
+        ["diffuse_red", "diffuse_green", "diffuse_blue"],
+        ["r", "g", "b"],
+    ] {
+        assert_eq!(colours(&names, "200 100 50"), [[200, 100, 50]], "{names:?}");
+    }
+    // Names of two kinds are no colour, and the usual ones win.
+    assert_eq!(colours(&["red", "g", "b"], "9 9 9"), [[128; 3]]);
+    let both = ["r", "g", "b", "blue", "green", "red"];
+    assert_eq!(colours(&both, "9 9 9 3 2 1"), [[1, 2, 3]]);
+}
+
+#[test]
 fn faults_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let vertex =

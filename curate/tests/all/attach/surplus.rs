@@ -65,3 +65,20 @@ fn a_folder_with_other_names_shows_one_of_them() {
         assert!(message.contains(part), "{part}: {message}");
     }
 }
+
+#[test]
+fn masks_that_mark_most_as_moving_are_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let scenes = Scenes::new(temp.path(), "colmap");
+    for (name, columns, is_told) in [("few", 100, false), ("most", 200, true)] {
+        let given = GivenTruth {
+            masks: Some(scenes.masks(name, columns)),
+            ..GivenTruth::default()
+        };
+        let notes = Notes::default();
+        attach(&scenes.imported, None, &given, &notes).unwrap();
+        let notes = notes.take();
+        let found = notes.iter().any(|line| line.contains("as moving"));
+        assert_eq!(found, is_told, "{notes:?}");
+    }
+}

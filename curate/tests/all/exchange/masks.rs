@@ -1,6 +1,9 @@
 //! Masks of other tools for pixels outside the scene.
 
-use super::*;
+use super::{
+    foreign::{Foreign, write_colmap_text},
+    *,
+};
 
 /// Tools with one kind of masks, for pixels to ignore.
 #[test]
@@ -145,4 +148,95 @@ fn nerfstudio_gets_masks_of_all_frames_or_of_none() {
     let (export, files) = exported_masks();
     assert!(files.iter().all(Option::is_none));
     assert!(!export.path().join("scene/masks").exists());
+}
+
+fn is_of_unread_images(line: &str) -> bool {
+    line.contains("that are not read") || line.contains("no frame has")
+}
+
+/// Masks and distances under names of other programs would be lost without a word. COLMAP's mask is `a.png.png`.
+#[test]
+fn images_that_no_frame_has_are_told() {
+    let lines = |others: &[(&str, u8)]| -> Vec<String> {
+        let images = [("images/a.png", 1), ("images/b.png", 2)];
+        let foreign = Foreign::new([32, 16], &images);
+        let camera = "1 EQUIRECTANGULAR 32 16 32 16\n";
+        let rows = [(1, 1, "a.png", 1), (2, 1, "b.png", 2)];
+        write_colmap_text(&foreign, "sparse/0", camera, &rows);
+        for (name, grey) in others {
+            foreign.paint(name, |_, _| [*grey; 3]);
+        }
+        foreign.write("notes/read.txt", "no image");
+        let problems = foreign.import("colmap").unwrap().validation.problems;
+        let lines = problems.into_iter();
+        lines.filter(|line| is_of_unread_images(line)).collect()
+    };
+    assert_eq!(lines(&[]), [""; 0]);
+    for (others, expected) in [
+        (
+            &[
+                ("masks/a.png", 255),
+                ("masks/b.png", 255),
+                ("depth/far/a.png", 9),
+                (".cache/a.png", 9),
+            ][..],
+            "2 (depth/ with 1, masks/ with 2)",
+        ),
+        (
+            &[
+                ("masks/a.png.png", 255),
+                ("masks/c.png.png", 255),
+                ("ignore/a.png", 0),
+            ][..],
+            "1 (masks/c.png.png)",
+        ),
+    ] {
+        let found = lines(others);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].ends_with(expected), "{found:?}");
+    }
+    let (folder, original) = scene();
+    for format in written_formats() {
+        let export = exported(format.id, folder.path());
+        let (from, back) = (export.path().join("scene"), export.path().join("back"));
+        let request = ImportRequest::new(&from, format.id, &original.id, &back);
+        let problems = import(&request).unwrap().validation.problems;
+        let mut lines = problems.iter();
+        assert!(!lines.any(|line| is_of_unread_images(line)), "{problems:?}");
+    }
+}
+
+/// White marks dynamic regions in masks of some programs, and black in those of COLMAP.
+#[test]
+fn masks_that_mark_most_as_moving_are_told() {
+    let lines = |greys: [u8; 3], masks: MaskMeaning| -> Vec<String> {
+        let images = ["images/a.png", "images/b.png", "images/c.png"];
+        let foreign = Foreign::new([32, 16], &images.map(|name| (name, 1)));
+        let rows = [(1, 1, "a.png", 1), (2, 1, "b.png", 2), (3, 1, "c.png", 3)];
+        write_colmap_text(
+            &foreign,
+            "sparse/0",
+            "1 EQUIRECTANGULAR 32 16 32 16\n",
+            &rows,
+        );
+        for (name, grey) in ["a", "b", "c"].into_iter().zip(greys) {
+            // A corner keeps the mask from marking everything.
+            let colour = |x: u32, _| if x < 3 { [255 - grey; 3] } else { [grey; 3] };
+            foreign.paint(&format!("masks/{name}.png.png"), colour);
+        }
+        let out = foreign.path().join("out");
+        let request = ImportRequest {
+            frames_per_second: Some(10.0),
+            masks,
+            ..ImportRequest::new(&foreign.path().join("in"), "colmap", "foreign", &out)
+        };
+        let problems = import(&request).unwrap().validation.problems.into_iter();
+        problems.filter(|line| line.contains("as moving")).collect()
+    };
+    assert_eq!(lines([255; 3], MaskMeaning::Moving), [""; 0]);
+    assert_eq!(lines([0, 255, 255], MaskMeaning::Moving), [""; 0]);
+    let found = lines([0, 255, 0], MaskMeaning::Moving);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(found[0].starts_with("masks mark 91 %"), "{found:?}");
+    assert_eq!(lines([0; 3], MaskMeaning::Ignored), [""; 0]);
 }

@@ -4,7 +4,10 @@ use image::{
     DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, RgbaImage, codecs::png::PngEncoder,
 };
 
-use super::{foreign::Foreign, *};
+use super::{
+    foreign::{Foreign, write_colmap_text},
+    *,
+};
 
 /// A sphere of 32 x 16 pixels whose lowest rows are hidden behind a colour of their own.
 fn hidden_below(row: u32) -> RgbaImage {
@@ -115,43 +118,76 @@ fn with_orientation(jpeg: &[u8], orientation: u8) -> Vec<u8> {
     [&jpeg[..2], &[0xff, 0xe1], &length, &body, &jpeg[2..]].concat()
 }
 
+/// Viewers turn such images, and so does the import of panoramas. The data set of nerfstudio does not.
 #[test]
-fn what_asks_to_be_turned_is_turned_once() {
-    let foreign = Foreign::new([32, 16], &[]);
+fn what_asks_to_be_turned_is_turned_once_or_not_at_all() {
     let image = hidden_below(16);
     let jpeg = bytes(&image, ImageFormat::Jpeg);
     let plain = image::load_from_memory(&jpeg).unwrap().to_rgb8();
-    for (orientation, expected) in [
+    for (orientation, turned) in [
         (2, image::imageops::flip_horizontal(&plain)),
         (3, image::imageops::rotate180(&plain)),
     ] {
-        foreign.write("images/a.jpg", with_orientation(&jpeg, orientation));
-        foreign.write("images/b.jpg", &jpeg);
-        foreign.write(
-            "transforms.json",
-            transforms(&["images/a.jpg", "images/b.jpg"]),
+        for (format, folder, expected) in [
+            ("nerfstudio", "images/", &plain),
+            ("panoramas", "", &turned),
+        ] {
+            let foreign = Foreign::new([32, 16], &[]);
+            let names = ["a.jpg", "b.jpg"].map(|name| format!("{folder}{name}"));
+            foreign.write(&names[0], with_orientation(&jpeg, orientation));
+            foreign.write(&names[1], &jpeg);
+            if format == "nerfstudio" {
+                let names = [names[0].as_str(), names[1].as_str()];
+                foreign.write("transforms.json", transforms(&names));
+            }
+            let scene = foreign.import(format).unwrap();
+            let path = |at: usize| foreign.path().join("out").join(&scene.frames[at].image);
+            let shown = |at: usize| image::open(path(at)).unwrap().to_rgb8();
+            assert_eq!(shown(0), *expected, "{orientation}, {format}");
+            assert_eq!(shown(1), plain);
+            let problems = &scene.validation.problems;
+            assert!(
+                problems
+                    .iter()
+                    .any(|line| line.contains("EXIF data") && line.contains("a.jpg")),
+                "{problems:?}"
+            );
+            // It is not turned again.
+            assert!(omnilife_schemas::RgbImage::read(&path(0)).is_ok());
+            let source = foreign.path().join("in").join(&names[0]);
+            assert!(
+                omnilife_schemas::RgbImage::read(&source).is_err(),
+                "read as it is, it is refused"
+            );
+        }
+    }
+}
+
+/// A phone that is held upright: COLMAP's camera is that of the sensor, and its poses and lens are so too.
+#[test]
+fn portraits_in_a_colmap_model_stay_as_the_sensor_has_them() {
+    let jpeg = bytes(&hidden_below(16), ImageFormat::Jpeg);
+    for camera in [
+        "1 PINHOLE 32 16 30 30 16 8\n",
+        "1 SIMPLE_RADIAL 32 16 30 16 8 -0.2\n",
+    ] {
+        let foreign = Foreign::new([32, 16], &[]);
+        foreign.write("images/1.jpg", with_orientation(&jpeg, 6));
+        foreign.write("images/2.jpg", &jpeg);
+        write_colmap_text(
+            &foreign,
+            "sparse/0",
+            camera,
+            &[(1, 1, "1.jpg", 1), (2, 1, "2.jpg", 2)],
         );
-        let scene = foreign.import("nerfstudio").unwrap();
+        let scene = foreign.import("colmap").unwrap();
         let shown = |at: usize| {
             let path = foreign.path().join("out").join(&scene.frames[at].image);
-            image::open(path).unwrap().to_rgb8()
+            omnilife_schemas::RgbImage::read(&path).unwrap()
         };
-        assert_eq!(shown(0), expected, "{orientation}");
-        assert_eq!(shown(1), plain);
-        let problems = &scene.validation.problems;
-        assert!(
-            problems.iter().any(|line| line.contains("EXIF")),
-            "{problems:?}"
-        );
-        // It is not turned again.
-        let path = foreign.path().join("out").join(&scene.frames[0].image);
-        assert!(omnilife_schemas::RgbImage::read(&path).is_ok());
+        assert_eq!((shown(0).width, shown(0).height), (32, 16));
+        assert_eq!(shown(0), shown(1), "{camera}");
     }
-    let path = foreign.path().join("in/images/a.jpg");
-    assert!(
-        omnilife_schemas::RgbImage::read(&path).is_err(),
-        "read as it is, it is refused"
-    );
 }
 
 /// Separators of Windows and names without endings lead to the files that are there, with a line.
@@ -219,4 +255,28 @@ fn colours_that_are_lost_are_told() {
     }
     let copied = fs::read(foreign.path().join("out").join(&scene.frames[2].image));
     assert_eq!(copied.unwrap(), profiled);
+}
+
+/// Older versions of `ns-process-data` name no points, and others leave theirs beside a file of another program.
+#[test]
+fn points_that_no_file_names_are_told() {
+    let foreign = Foreign::new([32, 16], &[("images/a.png", 1)]);
+    let ply = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+               end_header\n1 2 3\n";
+    foreign.write("sparse_pc.ply", ply);
+    let text = transforms(&["images/a.png"]);
+    for (text, are_read) in [
+        (text.clone(), false),
+        (
+            text.replacen('{', "{\"ply_file_path\": \"sparse_pc.ply\",", 1),
+            true,
+        ),
+    ] {
+        foreign.write("transforms.json", text);
+        let scene = foreign.import("nerfstudio").unwrap();
+        assert_eq!(scene.points.is_some(), are_read);
+        let problems = &scene.validation.problems;
+        let is_told = problems.iter().any(|line| line.contains("sparse_pc.ply"));
+        assert_eq!(is_told, !are_read, "{problems:?}");
+    }
 }

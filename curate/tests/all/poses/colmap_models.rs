@@ -102,3 +102,44 @@ fn colmap_models_are_read_by_their_format() {
         "{message}"
     );
 }
+
+/// FFmpeg numbers images from 1, frames are numbered from 0: each would get the pose of the one before it.
+#[test]
+fn images_of_a_model_that_are_no_frames_are_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("model");
+    let sequence = sequence_of_twenty(temp.path());
+    let model = |names: &[String]| {
+        let lines = names.iter().zip(1..).map(|(name, id)| {
+            let place = -id;
+            format!("{id} 1 0 0 0 {place} 0 0 1 {name}\n\n")
+        });
+        write_model(&folder, &lines.collect::<String>());
+        let notes = Notes::default();
+        let posed = pose_sequence(&sequence, &PoseRequest::Given(folder.clone()), &notes);
+        (posed, notes.take())
+    };
+    let numbered = |first: u32, ending: &str| -> Vec<String> {
+        (first..first + 20)
+            .map(|number| format!("{number:06}.{ending}"))
+            .collect()
+    };
+    let is_told = |line: &String| line.contains("are no frames");
+    let (posed, notes) = model(&numbered(0, "png"));
+    assert!(!posed.unwrap().validation.problems.iter().any(is_told));
+    assert!(!notes.iter().any(is_told), "{notes:?}");
+    let (posed, notes) = model(&numbered(1, "png"));
+    let problems = posed.unwrap().validation.problems;
+    for lines in [&problems, &notes] {
+        let line = lines.iter().find(|line| is_told(line)).unwrap();
+        for part in ["1 of 20", "(000020.png)", "000000.png to 000019.png"] {
+            assert!(line.contains(part), "{line}");
+        }
+    }
+    // Without a single frame, the refusal has the names of both.
+    let (posed, _) = model(&numbered(0, "jpg"));
+    let message = posed.unwrap_err().to_string();
+    for part in ["fits no frame", "000000.jpg", "000000.png"] {
+        assert!(message.contains(part), "{message}");
+    }
+}

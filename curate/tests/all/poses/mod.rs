@@ -28,7 +28,7 @@ use omnilife_schemas::{
     store,
     testing::Notes,
 };
-use support::erp_clip;
+use support::{Clip, erp_clip, erp_direction, world_colour};
 
 use crate::support;
 
@@ -67,6 +67,45 @@ fn times_of_another_unit_are_reported() {
     assert!(
         said.contains("from 0.000 s to 1900.000 s, the frames from 0.000 s to 1.900 s"),
         "{said}"
+    );
+}
+
+/// Poses that count from the first frame of a video whose time stamps begin later are those of other frames.
+#[test]
+fn poses_from_before_the_video_are_reported() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = temp.path().join("late.mp4");
+    let mut clip = Clip::steady(256, 128, 20, 10);
+    for ticks in &mut clip.ticks {
+        *ticks += 30_000;
+    }
+    clip.write(&video, |frame, x, y| {
+        world_colour(1, erp_direction(x, y, 256, 128, 0.02 * frame as f64))
+    });
+    let settings = CurateSettings {
+        enforce: false,
+        ..CurateSettings::default()
+    };
+    curate_video(&video, &temp.path().join("late"), &settings, &Silent).unwrap();
+    let sequence = temp.path().join("late/seq-000");
+    let posed = |begin: f64| {
+        let frames = (0..20).map(f64::from);
+        let frames = frames.map(|n| PosedFrame::new(begin + 0.1 * n, pose_at(n)));
+        let record = Poses::new(Scale::Metres, None, frames.collect());
+        let file = temp.path().join("poses.json");
+        store::write_record(&file, &record).unwrap();
+        let scene = pose_sequence(&sequence, &PoseRequest::Given(file), &Silent).unwrap();
+        let first = scene.frames[0].pose.unwrap().centre[0];
+        let mut lines = scene.validation.problems.into_iter();
+        (first, lines.find(|line| line.contains("time stamp")))
+    };
+    assert_eq!(posed(0.5), (0.0, None));
+    let (first, line) = posed(0.0);
+    assert_eq!(first, 5.0);
+    let line = line.unwrap();
+    assert!(
+        line.contains("start at 0.000 s") && line.contains("0.500 s"),
+        "{line}"
     );
 }
 

@@ -146,21 +146,46 @@ pub fn by_name(name: &str) -> Result<&'static SplatFormat, UnknownName> {
     names::find("format", name, SPLAT_FORMATS, |format| format.name)
 }
 
-/// Returns the format of a file: that of its ending, and PLY for every other. The header distinguishes the two
-/// kinds of PLY. The record of a SOG stands for the folder that it lies in.
-fn of_file(path: &Path, bytes: &[u8]) -> &'static SplatFormat {
+/// Beginnings of files, with the name of their format.
+const BEGINNINGS: [(&[u8], &str); 5] = [
+    (b"ply", "ply"),
+    (b"NGSP", "spz"),
+    // The stream of earlier versions.
+    (b"\x1f\x8b", "spz"),
+    (b"PK\x03\x04", "sog"),
+    (b"glTF", "glb"),
+];
+
+/// Returns the format of a file: that of its ending or, under another name, of its beginning. The header distinguishes
+/// the two kinds of PLY. The record of a SOG stands for the folder that it lies in.
+///
+/// # Errors
+/// For a file that neither of them tells.
+fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static SplatFormat, StoreError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let name = name.to_ascii_lowercase();
     let is_of = |format: &&SplatFormat| match format.name {
-        "ply" => false,
+        // Any bytes are rows of it, those of a renamed PLY too.
+        "splat" => name.ends_with(format.ending) && !bytes.starts_with(b"ply\n"),
         "compressed-ply" => compressed_ply::is_compressed(bytes),
         "sog" => name.ends_with(format.ending) || name == sog::RECORD_FILE,
         _ => name.ends_with(format.ending),
     };
-    SPLAT_FORMATS
-        .iter()
-        .find(is_of)
-        .unwrap_or(&SPLAT_FORMATS[1])
+    // A compressed file may end as an ordinary one does, which stands before it.
+    let named = SPLAT_FORMATS.iter().rev().find(is_of);
+    let by_beginning = || {
+        let mut known = BEGINNINGS.iter();
+        let (_, name) = known.find(|(beginning, _)| bytes.starts_with(beginning))?;
+        by_name(name).ok()
+    };
+    named.or_else(by_beginning).ok_or_else(|| {
+        let endings: Vec<&str> = SPLAT_FORMATS.iter().map(|format| format.ending).collect();
+        let reason = format!(
+            "is not of a known format of Gaussians, by its name or its beginning; known are {}",
+            endings.join(", ")
+        );
+        StoreError::malformed(path, reason)
+    })
 }
 
 /// Reads static Gaussians into normalized coordinates of the world; invalid values are repaired or left out, and
@@ -195,17 +220,17 @@ pub fn from_bytes(
         placement,
         normalization,
     };
-    (of_file(path, bytes).read)(&file, invalid)
+    (of_file(path, bytes)?.read)(&file, invalid)
 }
 
 /// Returns a world point to keep the positions of a file around in 32-bit floats: that of [`ply::origin`], and
 /// the origin for other formats, which hold floats alone.
 ///
 /// # Errors
-/// When the file cannot be read, or is a malformed PLY.
+/// When the file cannot be read, is of no known format, or is a malformed PLY.
 pub fn origin(path: &Path) -> Result<DVec3, ReconstructError> {
     let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
-    if of_file(path, &bytes).name == "ply" {
+    if of_file(path, &bytes)?.name == "ply" {
         ply::origin(path, &bytes)
     } else {
         Ok(DVec3::ZERO)

@@ -6,6 +6,9 @@
 //! Coordinates are the scene's own: the normalization is undone. It does not rotate, so spherical harmonics and
 //! quaternions stay as they are. All properties are `float`, except x, y and z of a scene so far from the origin
 //! that floats would lose it, which are `double`. `validity` defines the valid values.
+//!
+//! A file of Mip-Splatting has its 3D filter as a property, which is applied (`smoothed`). Other properties beside those
+//! of 3DGS are listed as unread.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -37,6 +40,11 @@ use omnilife_engine::{
     },
     parameters::{ArrayShape, ParameterTable},
 };
+
+/// Property with the 3D filter of Mip-Splatting, a standard deviation in units of the file.
+const FILTER: &str = "filter_3D";
+/// Properties of programs that draw points, without effect on Gaussians.
+const POINT_COLOURS: [&str; 4] = ["red", "green", "blue", "alpha"];
 
 /// Returns the names of the properties of Gaussians of a degree, in the order of the file.
 #[expect(clippy::arithmetic_side_effects, reason = "degrees are 3 at most")]
@@ -149,8 +157,8 @@ fn push_row(table: &ParameterTable, index: usize, log_unit: f32, row: &mut Vec<f
     row.extend(values(QUATERNIONS));
 }
 
-/// Reads static Gaussians into normalized coordinates. Normals and properties beyond those of 3DGS are ignored.
-/// Invalid values are repaired or left out, and counted in `invalid`.
+/// Reads static Gaussians into normalized coordinates. Normals and colours of points are ignored. `invalid` lists
+/// properties that are not read, and counts invalid values, which are repaired or left out.
 ///
 /// # Errors
 /// When the file is missing, malformed or truncated, lacks a property, or would not fit into memory. When it
@@ -199,6 +207,10 @@ fn parsed(
         &format!("{}: {} Gaussians", path.display(), ply.len()),
     )?;
     let columns = columns(&ply, degree, further).map_err(malformed)?;
+    let filter = ply.column(FILTER);
+    invalid
+        .unread_properties
+        .extend(unread_properties(&ply, degree, further));
     let mut rows = Rows::new(degree, normalization, further.len(), ply.len());
     let mut values: Vec<f64> = Vec::with_capacity(columns.len());
     ply.for_each_row(|index, row| {
@@ -214,7 +226,13 @@ fn parsed(
                 return Err(format!("{} of Gaussian {index} is not finite", name()));
             }
         }
-        rows.push(&values, invalid);
+        let filter = filter.and_then(|column| row.get(column).copied());
+        if filter.is_some_and(|size| !size.is_finite() || size < 0.0) {
+            return Err(format!(
+                "{FILTER} of Gaussian {index} must be a size of 0 or more"
+            ));
+        }
+        rows.push(&values, filter, invalid);
         Ok(())
     })
     .map_err(malformed)?;
@@ -230,6 +248,45 @@ fn columns(ply: &PlyTable<'_>, degree: usize, further: &[String]) -> Result<Vec<
         .chain(further)
         .map(|name| ply.column(name).ok_or_else(|| missing(ply, name)))
         .collect()
+}
+
+/// Returns the names of the properties that are neither read nor known to be without effect.
+fn unread_properties(ply: &PlyTable<'_>, degree: usize, further: &[String]) -> Vec<String> {
+    let read = properties(degree);
+    let is_known = |name: &str| {
+        name == FILTER
+            || POINT_COLOURS.contains(&name)
+            || read
+                .iter()
+                .chain(further)
+                .any(|known| known.as_str() == name)
+    };
+    let names = ply.names().filter(|name| !is_known(name));
+    names.map(str::to_owned).collect()
+}
+
+/// Returns a Gaussian as the 3D filter of Mip-Splatting leaves it: its variance is added along every axis, and the
+/// opacity falls with the ratio of the volumes (`get_scaling_with_3D_filter` and `get_opacity_with_3D_filter` in
+/// `scene/gaussian_model.py` of `autonomousvision/mip-splatting`). `size` is the filter's standard deviation.
+fn smoothed(gaussian: &FileGaussian, size: f64) -> FileGaussian {
+    let log_scales = gaussian
+        .log_scales
+        .map(|log| 0.5 * ((2.0 * log).exp() + size * size).ln());
+    let growth: f64 = log_scales
+        .iter()
+        .zip(&gaussian.log_scales)
+        .map(|(after, before)| after - before)
+        .sum();
+    let logit = gaussian.opacity_logit;
+    // Logarithm of the sigmoid, finite for all logits.
+    let log_opacity = logit.min(0.0) - (-logit.abs()).exp().ln_1p() - growth;
+    let faded = log_opacity - (-log_opacity.exp()).ln_1p();
+    FileGaussian {
+        log_scales,
+        // It is infinite if rounding leaves no fading.
+        opacity_logit: faded.min(logit),
+        ..*gaussian
+    }
 }
 
 /// Returns the reason why a PLY without a property does not hold Gaussians: the kind of file, if it is
@@ -277,8 +334,8 @@ impl Rows {
         }
     }
 
-    /// Adds a row, if it is valid.
-    fn push(&mut self, row: &[f64], invalid: &mut InvalidGaussians) {
+    /// Adds a row, if it is valid, after the 3D filter of its file.
+    fn push(&mut self, row: &[f64], filter: Option<f64>, invalid: &mut InvalidGaussians) {
         let (geometry, others) = row.split_at(3);
         let (colour, others) = others.split_at(3 + 3 * self.rest);
         let position = self.normalization.normalize(DVec3::from_slice(geometry));
@@ -292,6 +349,13 @@ impl Rows {
             return;
         };
         self.activation.add(&given);
+        let gaussian = match filter {
+            Some(size) if size > 0.0 => {
+                invalid.smoothed += 1;
+                smoothed(&gaussian, size)
+            }
+            _ => gaussian,
+        };
         let float = |value: f64| value as f32;
         let log_unit = self.normalization.scale.ln();
         let arrays = &mut self.arrays;

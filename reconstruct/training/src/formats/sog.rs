@@ -146,6 +146,7 @@ pub(super) fn write(gaussians: &ActivatedGaussians) -> Result<Vec<u8>, String> {
             generator: "omnilife".to_owned(),
         },
         count: gaussians.len() as u64,
+        antialias: false,
         means: Means {
             mins: bounds.least,
             maxs: bounds.largest,

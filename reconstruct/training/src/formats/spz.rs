@@ -44,6 +44,8 @@ const LONG_HEADER_BYTES: usize = 32;
 const ZSTD_LEVEL: i32 = 12;
 /// Bytes of a stream in the table of version 4: its sizes compressed and not.
 const STREAM_ENTRY_BYTES: usize = 16;
+/// Flag of Gaussians that were trained with anti-aliasing.
+const IS_ANTIALIASED: u8 = 1;
 /// Flag of extensions behind the header.
 const HAS_EXTENSIONS: u8 = 2;
 /// The extension of Adobe that bounds the orbit of a camera; it does not affect Gaussians.
@@ -302,6 +304,7 @@ pub(super) fn read(
     }
     // Arrays are decoded into memory: the size in the header has to fit before.
     exchange::require(path, header.len as u64, header.degree)?;
+    invalid.is_antialiased |= header.flags & IS_ANTIALIASED != 0;
     let arrays = if is_plain {
         streams(bytes, &header)
     } else if header.flags & HAS_EXTENSIONS == 0 {

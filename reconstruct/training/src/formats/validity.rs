@@ -11,7 +11,7 @@
 use std::path::Path;
 
 use omnilife_engine::gaussians::static_gaussians::NO_ROTATION;
-use omnilife_schemas::records::InvalidGaussians;
+use omnilife_schemas::{plain_text, records::InvalidGaussians};
 
 /// Largest coordinate of a centre: f32 holds the sum of the squares of three.
 pub const REACH: f64 = 1e18;
@@ -143,6 +143,10 @@ pub fn notes(path: &Path, invalid: &InvalidGaussians) -> Vec<String> {
             invalid.flat,
             "have an axis of size 0 and are drawn as thin as f32 allows",
         ),
+        (
+            invalid.smoothed,
+            "have a filter_3D of Mip-Splatting, which is applied to sizes and opacities",
+        ),
     ];
     let counted = counted.into_iter().filter(|(count, _)| *count > 0);
     let mut lines: Vec<String> = counted
@@ -153,6 +157,22 @@ pub fn notes(path: &Path, invalid: &InvalidGaussians) -> Vec<String> {
             "{}: log scales of 0 or more and opacities in [0, 1] look as if already activated; they are read \
              as 3DGS writes them, before exp and the sigmoid",
             path.display()
+        ));
+    }
+    if invalid.is_antialiased {
+        lines.push(format!(
+            "{}: states that it was trained with anti-aliasing, and is drawn without it: Gaussians below a pixel look \
+             too opaque",
+            path.display()
+        ));
+    }
+    let unread = &invalid.unread_properties;
+    if !unread.is_empty() {
+        lines.push(format!(
+            "{}: properties beside those of 3DGS that are not read, and show in no image: {} ({})",
+            path.display(),
+            unread.len(),
+            plain_text::first_of(unread)
         ));
     }
     lines

@@ -291,3 +291,35 @@ fn cut_off_files_are_refused_in_one_line() {
         }
     }
 }
+
+#[test]
+fn files_under_other_names_are_told_by_their_beginning() {
+    let gaussians = varied(5, 0);
+    for format in SPLAT_FORMATS {
+        let bytes = (format.write)(&gaussians).expect("written");
+        let named = activated(&format!("a{}", format.ending), &bytes).expect("read");
+        let found = activated("a.model", &bytes);
+        if format.is_for_old_viewers {
+            // Rows of numbers start with nothing of their own.
+            let message = found.map(drop).expect_err("refused");
+            for part in [
+                "a.model",
+                "not of a known format",
+                ".compressed.ply",
+                ".glb",
+            ] {
+                assert!(message.contains(part), "{message}");
+            }
+        } else {
+            assert_eq!(found.expect("read"), named, "{}", format.name);
+        }
+    }
+    let ply = by_name("ply").expect("a format");
+    let bytes = (ply.write)(&gaussians).expect("written");
+    let renamed = activated("a.splat", &bytes).expect("read");
+    assert_eq!(renamed, activated("a.ply", &bytes).expect("read"));
+    for other in [&b""[..], b"KSPLAT", b"{\"asset\": {}}"] {
+        let message = activated("a.ksplat", other).map(drop).expect_err("refused");
+        assert!(message.contains("not of a known format"), "{message}");
+    }
+}

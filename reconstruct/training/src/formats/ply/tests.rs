@@ -173,7 +173,7 @@ fn what_is_valid_is_taken_and_what_is_not_is_counted() -> Result<(), String> {
         out_of_reach: 2,
         unrotated: 1,
         flat: 1,
-        looks_activated: false,
+        ..InvalidGaussians::default()
     };
     assert_eq!((table.len(), invalid), (4, expected));
     let mut gaussians = omnilife_engine::gaussians::ActivatedGaussians::default();
@@ -214,6 +214,77 @@ fn what_looks_activated_is_told_and_read_as_it_is() -> Result<(), String> {
     assert!(!invalid.looks_activated);
     let (_, invalid) = read_text(&padded(&[]))?;
     assert!(!invalid.looks_activated, "padding says nothing");
+    Ok(())
+}
+
+/// Returns rows with further columns of these values.
+fn widened(names: &[&str], rows: &[(Vec<f64>, Vec<f64>)]) -> String {
+    let rows: Vec<Vec<f64>> = rows
+        .iter()
+        .map(|(row, further)| [&row[..], &further[..]].concat())
+        .collect();
+    text(&[&COLUMNS[..], names].concat(), &rows)
+}
+
+/// Sizes and opacity as `scene/gaussian_model.py` of Mip-Splatting has them, from variances and their determinants.
+#[test]
+fn the_filter_of_mip_splatting_is_applied() -> Result<(), String> {
+    let plain = with("x", 1.0);
+    let sizes: [f64; 3] = [-3.0_f64, -4.0, -5.0].map(f64::exp);
+    let opacity = 1.0 / (1.0 + 0.5_f64.exp());
+    for filter in [0.001, 0.05, 2.0] {
+        let rows = [(plain.clone(), vec![filter]), (plain.clone(), vec![0.0])];
+        let (table, invalid) = read_text(&widened(&["filter_3D"], &rows))?;
+        let expected = InvalidGaussians {
+            smoothed: 1,
+            ..InvalidGaussians::default()
+        };
+        assert_eq!(invalid, expected);
+        let mut gaussians = omnilife_engine::gaussians::ActivatedGaussians::default();
+        static_gaussians::activate(&table, &mut gaussians);
+        let variances = sizes.map(|size| size * size + filter * filter);
+        let ratio = sizes.map(|size| size * size).iter().product::<f64>()
+            / variances.iter().product::<f64>();
+        let near = |found: f32, truth: f64| (f64::from(found) - truth).abs() < 1e-5 * truth;
+        for (found, variance) in gaussians.scales[0].iter().zip(variances) {
+            // Half a unit of the normalized scene is a unit of the file.
+            assert!(near(*found, 0.5 * variance.sqrt()), "{found} at {filter}");
+        }
+        let (found, truth) = (gaussians.opacities[0], opacity * ratio.sqrt());
+        assert!(near(found, truth), "{found}, not {truth}, at {filter}");
+        assert!(near(gaussians.opacities[1], opacity));
+        for (found, size) in gaussians.scales[1].iter().zip(sizes) {
+            assert!(near(*found, 0.5 * size), "{found} without a filter");
+        }
+    }
+    // Logits whose sigmoid is 0 or 1 in f64 stay finite.
+    for logit in [-900.0, 900.0] {
+        let rows = [(with("opacity", logit), vec![1e-9])];
+        let (table, _) = read_text(&widened(&["filter_3D"], &rows))?;
+        let found = table.row(OPACITY_LOGITS, 0)[0];
+        assert!(found.is_finite() && f64::from(found) <= logit, "{found}");
+    }
+    for size in [-0.1, f64::NAN, f64::INFINITY] {
+        let rows = [(plain.clone(), vec![0.1]), (plain.clone(), vec![size])];
+        let refusal = read_text(&widened(&["filter_3D"], &rows));
+        let message = refusal.map(drop).expect_err("refused");
+        assert!(message.contains("filter_3D of Gaussian 1"), "{message}");
+    }
+    Ok(())
+}
+
+#[test]
+fn properties_that_are_not_read_are_listed() -> Result<(), String> {
+    let row = (with("x", 1.0), vec![7.0; 5]);
+    let names = ["nx", "red", "trbf_center", "alpha", "motion_0"];
+    let (table, invalid) = read_text(&widened(&names, std::slice::from_ref(&row)))?;
+    assert_eq!(invalid.unread_properties, ["trbf_center", "motion_0"]);
+    let notes = validity::notes(Path::new("a.ply"), &invalid);
+    assert_eq!(notes.len(), 1);
+    assert!(notes[0].contains("trbf_center, motion_0"), "{notes:?}");
+    let (plain, invalid) = read_text(&text(&COLUMNS, &[row.0]))?;
+    assert_eq!(invalid, InvalidGaussians::default());
+    assert_eq!(table, plain);
     Ok(())
 }
 

@@ -64,6 +64,7 @@ pub(in crate::formats) fn read(
     exchange::require(path, record.count, degree)?;
     let images = Images::decode(&files, &record, degree).map_err(malformed)?;
     let len = record.count as usize;
+    invalid.is_antialiased |= record.antialias;
     let mut gathered = FileRows::new(path, len, degree, invalid)?;
     let mut harmonics = Vec::with_capacity(sh_rest_count(degree));
     for number in 0..len {

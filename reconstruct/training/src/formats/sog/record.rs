@@ -12,6 +12,9 @@ pub(super) struct Record {
     #[serde(default)]
     pub(super) asset: Asset,
     pub(super) count: u64,
+    /// True for Gaussians that were trained with anti-aliasing.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(super) antialias: bool,
     pub(super) means: Means,
     pub(super) scales: CodedValues,
     pub(super) quats: Rotations,

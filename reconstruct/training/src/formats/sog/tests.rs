@@ -155,6 +155,18 @@ fn read_folder(folder: &Path) -> Result<ActivatedGaussians, String> {
 }
 
 #[test]
+fn training_with_anti_aliasing_is_told_from_that_without() {
+    let bytes = write(&varied(20, 3)).expect("written");
+    let flagged = with_record(&bytes, |record| record["antialias"] = json!(true));
+    for (bytes, expected) in [(bytes, false), (flagged, true)] {
+        let mut invalid = InvalidGaussians::default();
+        let table = read(Path::new("a.sog"), &bytes, &mut invalid);
+        assert!(table.is_ok_and(|table| table.len() == 20));
+        assert_eq!(invalid.is_antialiased, expected);
+    }
+}
+
+#[test]
 fn folders_are_read_by_their_record() {
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = write(&varied(20, 3)).expect("written");

@@ -125,6 +125,27 @@ fn version_2_is_read() {
 }
 
 #[test]
+fn training_with_anti_aliasing_is_told_from_that_without() {
+    let gaussians = varied(5, 1);
+    let versions = [write(&gaussians), write_version_3(&gaussians)].map(Result::unwrap_or_default);
+    for (mut bytes, is_plain) in versions.into_iter().zip([true, false]) {
+        for flag in [0, IS_ANTIALIASED] {
+            if is_plain {
+                bytes[14] = flag;
+            } else {
+                let mut content = unzipped(&bytes);
+                content[14] = flag;
+                bytes = zipped(&content);
+            }
+            let mut invalid = InvalidGaussians::default();
+            let table = read(Path::new("a.spz"), &bytes, &mut invalid);
+            assert!(table.is_ok_and(|table| table.len() == 5));
+            assert_eq!(invalid.is_antialiased, flag == IS_ANTIALIASED);
+        }
+    }
+}
+
+#[test]
 fn what_is_no_spz_is_refused_by_name() {
     let content = write_version_3(&varied(5, 1))
         .map(|bytes| unzipped(&bytes))
