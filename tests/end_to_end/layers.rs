@@ -153,7 +153,7 @@ const LEADERBOARD: &[&[&str]] = &[
     ],
     &["collect", "format", "numbers", "outputs", "validate"],
     &["group", "questions", "submission"],
-    &["aids", "budget", "remarks", "table"],
+    &["aids", "budget", "remarks", "repeats", "table"],
     &["published", "render"],
     &["datasets", "layouts", "results_csv"],
     &["tables"],
