@@ -2,7 +2,10 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use omnilife_schemas::records::{Direction, ResultRecord};
+use omnilife_schemas::{
+    names,
+    records::{Direction, ResultRecord},
+};
 
 use crate::{error::LeaderboardError, quantity::ViewKind};
 
@@ -33,6 +36,11 @@ fn impossible(result: &ResultRecord) -> Option<String> {
     ] {
         if text.trim().is_empty() {
             return Some(format!("the {what} has no name"));
+        }
+        if !names::is_plain(text) {
+            return Some(format!(
+                "the name of the {what} must be of one line, without spaces around it, got {text:?}"
+            ));
         }
     }
     for kind in ViewKind::ALL {

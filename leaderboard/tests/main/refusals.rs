@@ -56,6 +56,13 @@ fn impossible_numbers_are_refused() {
             .insert("psnr".to_owned(), summary(20.0, 0));
     });
     assert!(message.contains("is a mean of no views"), "{message}");
+    for (name, printed) in [("odgs ", "\"odgs \""), ("od\ngs", "\"od\\ngs\"")] {
+        let message = refusal(|result| result.method = name.to_owned());
+        assert!(
+            message.contains("without spaces around it") && message.ends_with(printed),
+            "{message}"
+        );
+    }
     let message = refusal(|result| result.method = " ".to_owned());
     assert!(message.contains("the method has no name"), "{message}");
 }
