@@ -106,6 +106,16 @@ fn an_honest_submission_is_added_once() {
     submit(&CARD.replace("two cores", "three cores"), &other).succeeded();
     let message = add(&other, &results, "0").failed_quietly(2).to_owned();
     assert!(message.contains("is also scored in"), "{message}");
+
+    // Another method of the same name, which would be the same row.
+    let theirs = again.path().join("theirs");
+    submit(&CARD.replace("A. Author", "C. Other"), &theirs).succeeded();
+    let message = add(&theirs, &results, "0").failed_quietly(2).to_owned();
+    assert!(
+        message.contains("is by C. Other, B. Author")
+            && message.contains("another method needs another name"),
+        "{message}"
+    );
 }
 
 #[test]
