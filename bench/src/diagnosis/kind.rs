@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{encoding::Encoding, order::FrameOrder};
+use super::{border::Border, encoding::Encoding, order::FrameOrder};
 
 /// A mistake of convention, or a fact about views that the method did not cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,6 +41,8 @@ pub enum DiagnosisKind {
     },
     /// Every pixel is doubled in both directions: the views were enlarged from half the size.
     DoubledPixels,
+    /// All views have the same border of a single colour on opposite sides.
+    Bordered(Border),
     /// All views are one image, byte for byte.
     OneImage,
     /// Views are copies of given views, as in baselines.
@@ -111,6 +113,11 @@ impl fmt::Display for DiagnosisKind {
             Self::DoubledPixels => f.write_str(
                 "every pixel stands twice in both directions, as enlarged from half the size; render \
                  at the scored size or enlarge with interpolation",
+            ),
+            Self::Bordered(border) => write!(
+                f,
+                "a border of a single colour is around the views ({border}); render the whole image at the scored size, \
+                 without cropping or padding"
             ),
             Self::OneImage => f.write_str(
                 "all views are one image, byte for byte, though the ground truth differs; render every \

@@ -6,6 +6,7 @@ use omnilife_schemas::{camera::Camera, store};
 use rayon::prelude::*;
 
 use super::{
+    border::Border,
     copies::{self, Truth, Truths},
     images::{Small, psnr_db, reduced},
     shifts,
@@ -36,6 +37,8 @@ pub(super) struct ViewFacts {
     pub(super) shifts: Vec<Option<[f64; 2]>>,
     /// True if every pixel is doubled.
     pub(super) is_doubled: bool,
+    /// Its border of a single colour.
+    pub(super) border: Border,
     /// Share of the values of an array outside of [0, 1].
     pub(super) outside: Option<f64>,
     /// SHA-256 of the prediction's bytes.
@@ -52,6 +55,7 @@ impl ViewFacts {
             medium: Small::of(pair, MEDIUM),
             shifts: shifts::by_part(pair, wraps),
             is_doubled: copies::is_doubled(pair),
+            border: Border::of(pair),
             outside: None,
             sha256: store::sha256_bytes(pair.as_predicted()),
         }

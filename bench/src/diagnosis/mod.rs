@@ -6,6 +6,7 @@
 //! no finding. Views made only of the frame before are an exception: they look like views that are numbered one off. No
 //! score is ever taken from a changed view.
 
+mod border;
 mod colour;
 mod copies;
 mod encoding;
@@ -34,6 +35,7 @@ use crate::{
 };
 
 pub use self::{
+    border::Border,
     encoding::Encoding,
     kind::{ChannelOrder, DiagnosisKind},
     order::FrameOrder,
@@ -291,6 +293,7 @@ impl OfKind<'_> {
         if !views.is_empty() && views.iter().all(|view| view.is_doubled) {
             kinds.push(DiagnosisKind::DoubledPixels);
         }
+        kinds.extend(border::common(views).map(DiagnosisKind::Bordered));
         if copied == 0 && copies::is_one_image(views) {
             kinds.push(DiagnosisKind::OneImage);
         }
