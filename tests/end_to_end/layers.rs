@@ -32,6 +32,7 @@ const SCHEMAS: &[&[&str]] = &[
     &[
         "absolute_orientation",
         "camera",
+        "colour_profile",
         "frame_scores",
         "layout",
         "object_scores",

@@ -27,6 +27,8 @@ pub enum DiagnosisKind {
     Channels(ChannelOrder),
     /// The values have another encoding or range.
     Encoded(Encoding),
+    /// The files state other colours than sRGB, which nothing applies.
+    OtherColours,
     /// Values of arrays lie outside of [0, 1] and are cut.
     OutsideRange {
         /// Share of the values below -0.02 or above 1.02.
@@ -98,6 +100,10 @@ impl fmt::Display for DiagnosisKind {
                 order.name()
             ),
             Self::Encoded(encoding) => write!(f, "values are {encoding}"),
+            Self::OtherColours => f.write_str(
+                "files state other colours than sRGB, by a profile or a gamma, which nothing applies; \
+                 write sRGB values without a profile",
+            ),
             Self::OutsideRange { share } => write!(
                 f,
                 "{:.0} % of the values of arrays lie outside of [0, 1] and are cut; write \

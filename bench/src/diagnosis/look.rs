@@ -39,6 +39,8 @@ pub(super) struct ViewFacts {
     pub(super) is_doubled: bool,
     /// Its border of a single colour.
     pub(super) border: Border,
+    /// True if its file states other colours than sRGB.
+    pub(super) states_other_colours: bool,
     /// Share of the values of an array outside of [0, 1].
     pub(super) outside: Option<f64>,
     /// SHA-256 of the prediction's bytes.
@@ -56,6 +58,7 @@ impl ViewFacts {
             shifts: shifts::by_part(pair, wraps),
             is_doubled: copies::is_doubled(pair),
             border: Border::of(pair),
+            states_other_colours: false,
             outside: None,
             sha256: store::sha256_bytes(pair.as_predicted()),
         }
@@ -99,9 +102,10 @@ pub(super) fn look(
                     return Ok(None);
                 };
                 let mut looked = ViewFacts::of(view, &pair, wraps);
-                looked.outside = job
-                    .folder(view.kind)
-                    .and_then(|folder| folder.outside_share(view.frame));
+                if let Some(folder) = job.folder(view.kind) {
+                    looked.outside = folder.outside_share(view.frame);
+                    looked.states_other_colours = folder.states_other_colours(view.frame);
+                }
                 Ok(Some(looked))
             })
             .collect();

@@ -290,6 +290,9 @@ impl OfKind<'_> {
         if share >= look::TELLING_OUTSIDE {
             kinds.push(DiagnosisKind::OutsideRange { share });
         }
+        if !views.is_empty() && views.iter().all(|view| view.states_other_colours) {
+            kinds.push(DiagnosisKind::OtherColours);
+        }
         if !views.is_empty() && views.iter().all(|view| view.is_doubled) {
             kinds.push(DiagnosisKind::DoubledPixels);
         }
