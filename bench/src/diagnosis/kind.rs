@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{border::Border, encoding::Encoding, order::FrameOrder};
+use super::{border::Border, distances::DistanceMistake, encoding::Encoding, order::FrameOrder};
 
 /// A mistake of convention, or a fact about views that the method did not cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,6 +43,8 @@ pub enum DiagnosisKind {
     },
     /// Every pixel is doubled in both directions: the views were enlarged from half the size.
     DoubledPixels,
+    /// Predicted distances have another unit, or are inverse ones.
+    Distances(DistanceMistake),
     /// All views have the same border of a single colour on opposite sides.
     Bordered(Border),
     /// All views are one image, byte for byte.
@@ -120,6 +122,7 @@ impl fmt::Display for DiagnosisKind {
                 "every pixel stands twice in both directions, as enlarged from half the size; render \
                  at the scored size or enlarge with interpolation",
             ),
+            Self::Distances(mistake) => write!(f, "{mistake}"),
             Self::Bordered(border) => write!(
                 f,
                 "a border of a single colour is around the views ({border}); render the whole image at the scored size, \

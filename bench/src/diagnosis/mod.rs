@@ -9,6 +9,7 @@
 mod border;
 mod colour;
 mod copies;
+mod distances;
 mod encoding;
 mod geometry;
 mod images;
@@ -36,6 +37,7 @@ use crate::{
 
 pub use self::{
     border::Border,
+    distances::DistanceMistake,
     encoding::Encoding,
     kind::{ChannelOrder, DiagnosisKind},
     order::FrameOrder,
@@ -296,6 +298,7 @@ impl OfKind<'_> {
         if !views.is_empty() && views.iter().all(|view| view.is_doubled) {
             kinds.push(DiagnosisKind::DoubledPixels);
         }
+        kinds.extend(distances::mistake(views).map(DiagnosisKind::Distances));
         kinds.extend(border::common(views).map(DiagnosisKind::Bordered));
         if copied == 0 && copies::is_one_image(views) {
             kinds.push(DiagnosisKind::OneImage);
