@@ -9,6 +9,7 @@ use std::{
 
 use image::{ColorType, ImageDecoder, codecs::png::PngDecoder};
 use omnilife_schemas::{
+    colour_profile::is_srgb,
     image_file::{self, NotPlain},
     npy,
     padded_frame::PaddedFrame,
@@ -205,6 +206,15 @@ impl PredictionFolder {
         )))
     }
 
+    /// Returns true if the frame's image states other colours than sRGB, by a profile or a gamma: its values are scored
+    /// as they are stored. `false` for arrays, and for files that cannot be read.
+    pub(crate) fn states_other_colours(&self, frame: u32) -> bool {
+        let is_image = self.is_read() && !self.arrays.contains(&frame);
+        let file = is_image.then(|| fs::File::open(self.folder.join(file_name(frame))).ok());
+        let decoder = file.flatten().map(io::BufReader::new).map(PngDecoder::new);
+        decoder.and_then(Result::ok).is_some_and(has_other_colours)
+    }
+
     fn read_array(&self, frame: u32, width: u32, height: u32) -> Result<Vec<u8>, String> {
         let name = array_name(frame);
         let png = file_name(frame);
@@ -302,6 +312,15 @@ fn read_npy(file: &Path, name: &str) -> Result<npy::Array, String> {
         StoreError::Malformed { reason, .. } => format!("{name}: {reason}"),
         _ => format!("{name} cannot be read"),
     })
+}
+
+/// Returns true for a profile other than sRGB, or without one for a gamma far from that of sRGB, 1 / 2.2.
+fn has_other_colours<R: io::BufRead + io::Seek>(mut decoder: PngDecoder<R>) -> bool {
+    if let Ok(Some(profile)) = decoder.icc_profile() {
+        return !is_srgb(&profile);
+    }
+    let gamma = decoder.gamma_value().ok().flatten();
+    gamma.is_some_and(|gamma| !(0.4..=0.5).contains(&gamma))
 }
 
 fn decode(

@@ -2,9 +2,29 @@
 
 use std::path::Path;
 
-use omnilife_schemas::records::{ResultRecord, RunStatement, StatedClock, TrainingKind};
+use omnilife_schemas::{
+    names,
+    records::{ResultRecord, RunStatement, StatedClock, TrainingKind},
+};
 
 use crate::{error::BenchError, run_facts::RunFacts};
+
+/// Checks the name of a method, by which its results are one row of the tables.
+///
+/// # Errors
+/// When it is empty, of several lines, or has spaces around it.
+pub(crate) fn check_method(name: &str) -> Result<(), BenchError> {
+    let reason = if name.trim().is_empty() {
+        "the method must have a name, for the tables".to_owned()
+    } else if names::is_plain(name) {
+        return Ok(());
+    } else {
+        format!(
+            "the name of the method must be of one line, without spaces around it, got {name:?}"
+        )
+    };
+    Err(BenchError::Statement { reason })
+}
 
 /// Facts stated beside predictions. All are optional.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -18,6 +18,7 @@ use crate::{
     outputs::Outputs,
     published, questions, readme,
     site::{self, SiteFiles, SiteRequest},
+    submission,
     table::Table,
     tables::{self, CSV_FILE, MARKDOWN_FILE},
 };
@@ -123,6 +124,7 @@ fn prepare<'a>(
     with_site: bool,
 ) -> Result<PreparedTables<'a>, LeaderboardError> {
     let groups = group::groups(results)?;
+    submission::check_means_of(results)?;
     let papers = published::papers()?;
     let assets = layouts::assets::tables(&files.assets()?, &papers);
     let facts = questions::scene_facts(request.dataset.as_deref())?;

@@ -27,6 +27,7 @@ mod questions;
 mod readme;
 mod remarks;
 mod render;
+mod repeats;
 mod results_csv;
 mod site;
 pub mod submission;

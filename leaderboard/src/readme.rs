@@ -7,7 +7,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use crate::{aids, error::LeaderboardError, group::Group, layouts, render, tables};
+use crate::{aids, error::LeaderboardError, group::Group, layouts, render, repeats, tables};
 
 /// Line before the table.
 const BEGIN: &str = "<!-- leaderboard: begin -->";
@@ -41,9 +41,9 @@ pub(crate) fn updated(
             lines.extend(serious.serious().map(|line| for_markdown(line) + "\n"));
             let of_aids = [aids::warning(group), aids::note(group)];
             lines.extend(
-                of_aids
+                repeats::warnings(group)
                     .iter()
-                    .flatten()
+                    .chain(of_aids.iter().flatten())
                     .map(|line| for_markdown(line) + "\n"),
             );
             lines.push(format!("{}.", for_markdown(&table.title)));

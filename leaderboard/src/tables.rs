@@ -13,7 +13,7 @@ use crate::{
     outputs::Outputs,
     published::Paper,
     quantity::ViewKind,
-    render, results_csv,
+    render, repeats, results_csv,
     table::{ColumnContent, Table},
 };
 
@@ -80,7 +80,11 @@ pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, Le
         for line in layouts::remarks_of(group).serious() {
             short.push_str(&format!("\n{line}\n"));
         }
-        for line in [aids::warning(group), aids::note(group)].iter().flatten() {
+        let of_aids = [aids::warning(group), aids::note(group)];
+        for line in repeats::warnings(group)
+            .iter()
+            .chain(of_aids.iter().flatten())
+        {
             short.push_str(&format!("\n{line}\n"));
         }
     }

@@ -2,7 +2,10 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use omnilife_schemas::records::{Direction, ResultRecord};
+use omnilife_schemas::{
+    names,
+    records::{Direction, ResultRecord},
+};
 
 use crate::{error::LeaderboardError, quantity::ViewKind};
 
@@ -21,6 +24,7 @@ pub(crate) fn validate(results: &Results) -> Result<(), LeaderboardError> {
     }
     refuse_duplicates(results)?;
     refuse_different_scenes(results)?;
+    refuse_missing_views(results)?;
     refuse_contradicting_directions(results)
 }
 
@@ -33,6 +37,11 @@ fn impossible(result: &ResultRecord) -> Option<String> {
     ] {
         if text.trim().is_empty() {
             return Some(format!("the {what} has no name"));
+        }
+        if !names::is_plain(text) {
+            return Some(format!(
+                "the name of the {what} must be of one line, without spaces around it, got {text:?}"
+            ));
         }
     }
     for kind in ViewKind::ALL {
@@ -99,6 +108,54 @@ fn refuse_different_scenes(results: &Results) -> Result<(), LeaderboardError> {
         }
     }
     Ok(())
+}
+
+/// Refuses a result that accounts for fewer views, scored and failed, than another one of its scene has scores of: the
+/// missing ones would be an omission, and its means are of other views.
+fn refuse_missing_views(results: &Results) -> Result<(), LeaderboardError> {
+    for kind in ViewKind::ALL {
+        let mut most: BTreeMap<(&str, &str), (u32, &PathBuf)> = BTreeMap::new();
+        for (path, result) in results {
+            let scored = scored_views(kind, result);
+            let known = most.entry(scene_of(result)).or_insert((scored, path));
+            if scored > known.0 {
+                *known = (scored, path);
+            }
+        }
+        for (path, result) in results {
+            let scored = scored_views(kind, result);
+            let failures = result.failures.iter();
+            let failed = failures.filter(|failure| failure.view == kind.name());
+            let all = scored.saturating_add(failed.count() as u32);
+            let Some((most, other)) = most.get(&scene_of(result)) else {
+                continue;
+            };
+            if scored > 0 && all < *most {
+                let (kind, scene) = (kind.name(), &result.scene);
+                return Err(LeaderboardError::Impossible {
+                    path: path.clone(),
+                    reason: format!(
+                        "must account for every {kind} view of scene {scene}, got {all} with failures, and {} scores \
+                         {most}",
+                        other.display()
+                    ),
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Returns protocol and scene of a result, which determine its views.
+fn scene_of(result: &ResultRecord) -> (&str, &str) {
+    (&result.protocol_hash, &result.scene)
+}
+
+/// Returns the number of views of a kind that a result has scores of, or masks that leave them undefined.
+fn scored_views(kind: ViewKind, result: &ResultRecord) -> u32 {
+    let summaries = kind.scores(result).values();
+    let views = summaries.map(|summary| summary.views.saturating_add(summary.undefined_views));
+    views.max().unwrap_or(0)
 }
 
 fn refuse_contradicting_directions(results: &Results) -> Result<(), LeaderboardError> {

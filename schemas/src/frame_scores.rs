@@ -14,7 +14,7 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use crate::store::{self, StoreError};
 
@@ -85,11 +85,17 @@ impl FrameScores {
             metrics: metrics.collect(),
             rows: Vec::new(),
         };
+        let mut known = BTreeSet::new();
         for record in reader.records() {
             let record = record.map_err(|error| error.to_string())?;
             let line = record.position().map_or(0, csv::Position::line);
             let row = row(&record, has_distance)
                 .ok_or_else(|| format!("line {line} holds something else than numbers"))?;
+            // A view that stands there twice would weigh double in every mean.
+            if !known.insert((row.view.clone(), row.frame)) {
+                let (view, frame) = (&row.view, row.frame);
+                return Err(format!("line {line} has {view} view {frame} once more"));
+            }
             table.rows.push(row);
         }
         Ok(table)
@@ -198,6 +204,10 @@ mod tests {
                 "line 3",
             ),
             ("view,frame,time_seconds,psnr\ninput,0,0,NaN\n", "line 2"),
+            (
+                "view,frame,time_seconds,psnr\ninput,7,0,1\nnovel,7,0,1\nnovel,7,0,1\n",
+                "line 4 has novel view 7 once more",
+            ),
             ("PAR1\u{0}\u{15}\n", "first columns"),
             ("view,frame,time_seconds,psnr\ninput,0,0,3", "cut off"),
         ] {

@@ -13,8 +13,8 @@
 //! * [`image_file`]: images of others. [`oriented_box`]: boxes as cameras see them. [`ground_plane`],
 //!   [`padded_frame`], [`points`]: geometry and clouds. [`srgb`]: light of levels.
 //! * [`camera`]: directions of pixels. [`pose`], [`trajectory`]: cameras and objects over time. [`layout`]: names of
-//!   files. [`frame_scores`], [`object_scores`]: the scores of every view, and of the objects in it. [`absolute_orientation`]:
-//!   rotations between vectors.
+//!   files. [`colour_profile`]: profiles of images. [`frame_scores`], [`object_scores`]: the scores of every view, and
+//!   of the objects in it. [`absolute_orientation`]: rotations between vectors.
 //!
 //! # Conventions
 //! * Camera frame: x right, y down, z forward. World to camera: `x_c = R x_w + t`; poses store the
@@ -27,6 +27,7 @@
 pub mod absolute_orientation;
 pub mod bootstrap;
 pub mod camera;
+pub mod colour_profile;
 pub mod distances;
 pub mod frame_scores;
 pub mod ground_plane;

@@ -12,7 +12,7 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use crate::store::{self, StoreError};
 
@@ -76,11 +76,19 @@ impl ObjectScores {
             metrics: metrics.collect(),
             rows: Vec::new(),
         };
+        let mut known = BTreeSet::new();
         for record in reader.records() {
             let record = record.map_err(|error| error.to_string())?;
             let line = record.position().map_or(0, csv::Position::line);
             let row = row(&record)
                 .ok_or_else(|| format!("line {line} holds something else than numbers"))?;
+            // An object that stands there twice would weigh double in its means.
+            if !known.insert((row.view.clone(), row.frame, row.object.clone())) {
+                let (view, frame, object) = (&row.view, row.frame, &row.object);
+                return Err(format!(
+                    "line {line} has {object} in {view} view {frame} once more"
+                ));
+            }
             table.rows.push(row);
         }
         Ok(table)
@@ -178,6 +186,10 @@ mod tests {
             ("view,frame,time_seconds\n", "first columns"),
             ("view,frame,object,psnr\ninput,0,a,NaN\n", "line 2"),
             ("view,frame,object,psnr\ninput,-1,a,1\n", "line 2"),
+            (
+                "view,frame,object,psnr\ninput,0,a,1\ninput,0,b,1\ninput,0,a,1\n",
+                "line 4 has a in input view 0 once more",
+            ),
             ("view,frame,object,psnr\ninput,0,a,3", "cut off"),
         ] {
             let error = ObjectScores::from_bytes(text.as_bytes()).unwrap_err();

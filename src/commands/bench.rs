@@ -107,10 +107,8 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                 .map(|(name, poses)| TruePoses { name, poses });
             let report = compare_tracks(tracks, truth, &scene, given.as_ref())?;
             let notes = [&report.rescaled, &report.paths_left_out];
-            notes
-                .into_iter()
-                .flatten()
-                .for_each(|note| progress.note(note));
+            let notes = notes.into_iter().flatten().chain(&report.notes);
+            notes.for_each(|note| progress.note(note));
             exit::print(&format!("{}\n", serde_json::to_string_pretty(&report)?))
         }
         BenchCommand::Poses {

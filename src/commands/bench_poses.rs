@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use omnilife_bench::poses::{PoseEstimate, pose_table, score_poses};
-use omnilife_curate::exchange::read_trajectory;
+use omnilife_curate::exchange::{Trajectory, read_trajectory};
 use omnilife_schemas::{
     Pose,
     records::{PoseAlignment, PoseConvention, Scene},
@@ -30,22 +30,36 @@ pub(super) fn execute(
     let scene: Scene = store::read_record(places.scene)?;
     let given = [Some(places.trajectory), places.truth];
     refuse_idle_convention(convention, given.into_iter().flatten())?;
-    let read = |path: &Path| -> anyhow::Result<Vec<Option<Pose>>> {
+    let read = |path: &Path| -> anyhow::Result<Trajectory> {
         let convention = convention.filter(|_| is_array(path));
         Ok(read_trajectory(path, convention, &scene)?)
     };
-    let poses = read(places.trajectory)?;
+    let estimated = read(places.trajectory)?;
     let truth = places.truth.map(read).transpose()?;
+    let name = own_name(places.trajectory);
     let truth_name = places.truth.map(own_name).unwrap_or_default();
+    let mut notes = named(&name, estimated.notes);
+    let truth = truth.map(|truth| {
+        notes.extend(named(&truth_name, truth.notes));
+        truth.poses
+    });
     let scores = score_poses(
         &scene,
         &PoseEstimate {
-            name: &own_name(places.trajectory),
-            poses: &poses,
+            name: &name,
+            poses: &estimated.poses,
             truth: truth.as_deref().map(|poses| (&*truth_name, poses)),
             alignment,
         },
-    )?;
+    );
+    let mut scores = match scores {
+        // Frames that fit no pose are mostly the reason.
+        Err(error) if !notes.is_empty() => {
+            return Err(BadRequest(format!("{error}; {}", notes.join("; "))).into());
+        }
+        scores => scores?,
+    };
+    scores.notes.extend(notes);
     if let Some(out) = places.out {
         store::write_record(out, &scores)?;
     }
@@ -62,7 +76,16 @@ pub(super) fn read_poses(
     scene: &Scene,
 ) -> anyhow::Result<(String, Vec<Option<Pose>>)> {
     refuse_idle_convention(convention, [path])?;
-    Ok((own_name(path), read_trajectory(path, convention, scene)?))
+    let read = read_trajectory(path, convention, scene)?;
+    Ok((own_name(path), read.poses))
+}
+
+/// Returns lines that start with the name of the file or folder they are about.
+fn named(name: &str, lines: Vec<String>) -> Vec<String> {
+    lines
+        .into_iter()
+        .map(|line| format!("{name}: {line}"))
+        .collect()
 }
 
 /// Refuses a convention of matrices where no file has any.

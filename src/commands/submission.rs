@@ -17,7 +17,7 @@ use omnilife_schemas::{
     plain_text::counted,
     progress::Progress,
     provenance,
-    records::{Padding, ResultRecord, SubmittedResult, Verification},
+    records::{Protocol, ResultRecord, SplitRule, SubmittedResult, Verification},
     store::{self, Unfinished},
 };
 
@@ -118,8 +118,8 @@ fn audit(
             })?;
         let name = format!("omnilife-audit-{}", entry.folder.replace('/', "-"));
         let work = Unfinished::folder_beside(&env::temp_dir().join(name))?;
-        let padding = result.rules.as_ref().map(|rules| rules.padding);
-        let again = score_again(verified, entry, padding, scene, work.path(), progress)?;
+        let rules = result.rules.as_ref();
+        let again = score_again(verified, entry, rules, scene, work.path(), progress)?;
         if let Some(reason) = difference(result, &again) {
             let folder = verified.folder.join(&entry.folder);
             return Err(BadRequest(format!("{}: {reason}", folder.display())).into());
@@ -128,11 +128,12 @@ fn audit(
     Ok(())
 }
 
-/// Scores the predictions of an entry again, under the known protocol with the padding that its result has.
+/// Scores the predictions of an entry again, under the known protocol with the choices that `rules`, those of its
+/// result, have.
 fn score_again(
     verified: &VerifiedSubmission,
     entry: &SubmittedResult,
-    padding: Option<Padding>,
+    rules: Option<&Protocol>,
     scene: &Path,
     work: &Path,
     progress: &dyn Progress,
@@ -140,7 +141,9 @@ fn score_again(
     let split = work.join(SPLIT_FILE);
     let protocol = entry.protocol.split('/').next().unwrap_or_default();
     let mut protocol = protocols::protocol(protocol)?;
-    protocol.padding = padding.unwrap_or(protocol.padding);
+    if let Some(rules) = rules {
+        choose_as(&mut protocol, rules);
+    }
     let made = split_scene_under(scene, &protocol, &split)?;
     if made.protocol_hash != entry.protocol_hash {
         let (id, folder) = (&entry.protocol, &entry.folder);
@@ -172,6 +175,16 @@ fn score_again(
         },
         progress,
     )?)
+}
+
+/// Sets what `bench split` lets users choose, padding and named input frames, to the choices of a result's rules.
+fn choose_as(protocol: &mut Protocol, rules: &Protocol) {
+    protocol.padding = rules.padding;
+    if matches!(protocol.split, SplitRule::EvenlyGiven { .. })
+        && matches!(rules.split, SplitRule::Given { .. })
+    {
+        protocol.split = rules.split.clone();
+    }
 }
 
 /// Returns the first difference of a result from the scores of its predictions, in words.

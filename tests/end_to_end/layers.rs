@@ -32,6 +32,7 @@ const SCHEMAS: &[&[&str]] = &[
     &[
         "absolute_orientation",
         "camera",
+        "colour_profile",
         "frame_scores",
         "layout",
         "object_scores",
@@ -153,7 +154,7 @@ const LEADERBOARD: &[&[&str]] = &[
     ],
     &["collect", "format", "numbers", "outputs", "validate"],
     &["group", "questions", "submission"],
-    &["aids", "budget", "remarks", "table"],
+    &["aids", "budget", "remarks", "repeats", "table"],
     &["published", "render"],
     &["datasets", "layouts", "results_csv"],
     &["tables"],

@@ -12,7 +12,7 @@ use omnilife_schemas::{
 };
 use tempfile::TempDir;
 
-use crate::support::{Ended, METHOD, SEQUENCE, omnilife, scratch, small_run};
+use crate::support::{Ended, INPUT_VIEWS, METHOD, SEQUENCE, omnilife, scratch, small_run};
 
 const CARD: &str = "method = \"odgs\"\ntitle = \"ODGS\"\nauthors = [\"A. Author\", \"B. Author\"]\n\
                     licence = \"MIT\"\nhardware = \"two cores\"\n";
@@ -106,6 +106,16 @@ fn an_honest_submission_is_added_once() {
     submit(&CARD.replace("two cores", "three cores"), &other).succeeded();
     let message = add(&other, &results, "0").failed_quietly(2).to_owned();
     assert!(message.contains("is also scored in"), "{message}");
+
+    // Another method of the same name, which would be the same row.
+    let theirs = again.path().join("theirs");
+    submit(&CARD.replace("A. Author", "C. Other"), &theirs).succeeded();
+    let message = add(&theirs, &results, "0").failed_quietly(2).to_owned();
+    assert!(
+        message.contains("is by C. Other, B. Author")
+            && message.contains("another method needs another name"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -210,6 +220,56 @@ fn a_quick_look_is_packed_only_as_a_row_without_a_rank() {
     assert!(!at("refused").join("submission.json").exists());
     submit(&["--with-failures"], &at("packed")).succeeded();
     add(&at("packed"), &at("results"), "1").succeeded();
+}
+
+/// Input frames that a split names are part of its rules, by which an audit scores too.
+#[test]
+fn an_audit_keeps_the_input_frames_that_a_split_names() {
+    let folder = scratch();
+    let at = |name: &str| folder.path().join(name);
+    let sequence = small_run().out.join(SEQUENCE);
+    let views = small_run().out.join(METHOD).join("run/predictions/novel");
+    let given = INPUT_VIEWS.map(|frame| frame.to_string()).join(",");
+    let words = "--quiet bench split --protocol sparse-panoramas --given";
+    let words = words.split(' ').map(OsStr::new);
+    omnilife(words.chain([
+        given.as_ref(),
+        sequence.as_os_str(),
+        "--out".as_ref(),
+        at("split.json").as_os_str(),
+    ]))
+    .succeeded();
+    let words = "--quiet bench score --method odgs --class per-scene";
+    let words = words.split(' ').map(OsStr::new);
+    omnilife(words.chain([
+        "--scene".as_ref(),
+        sequence.as_os_str(),
+        "--split".as_ref(),
+        at("split.json").as_os_str(),
+        "--novel-views".as_ref(),
+        views.as_os_str(),
+        "--out".as_ref(),
+        at("scores").as_os_str(),
+    ]))
+    .succeeded();
+    let card = at("card.toml");
+    fs::write(&card, CARD).unwrap();
+    let words = "--quiet leaderboard submit --card"
+        .split(' ')
+        .map(OsStr::new);
+    omnilife(words.chain([
+        card.as_os_str(),
+        at("scores").as_os_str(),
+        "--out".as_ref(),
+        at("packed").as_os_str(),
+    ]))
+    .succeeded();
+    let added = add(&at("packed"), &at("results"), "1").succeeded();
+    assert!(
+        added.stdout.contains("1 of them scored again"),
+        "{}",
+        added.stdout
+    );
 }
 
 #[test]

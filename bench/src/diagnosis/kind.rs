@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{encoding::Encoding, order::FrameOrder};
+use super::{border::Border, distances::DistanceMistake, encoding::Encoding, order::FrameOrder};
 
 /// A mistake of convention, or a fact about views that the method did not cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,6 +27,8 @@ pub enum DiagnosisKind {
     Channels(ChannelOrder),
     /// The values have another encoding or range.
     Encoded(Encoding),
+    /// The files state other colours than sRGB, which nothing applies.
+    OtherColours,
     /// Values of arrays lie outside of [0, 1] and are cut.
     OutsideRange {
         /// Share of the values below -0.02 or above 1.02.
@@ -41,6 +43,10 @@ pub enum DiagnosisKind {
     },
     /// Every pixel is doubled in both directions: the views were enlarged from half the size.
     DoubledPixels,
+    /// Predicted distances have another unit, or are inverse ones.
+    Distances(DistanceMistake),
+    /// All views have the same border of a single colour on opposite sides.
+    Bordered(Border),
     /// All views are one image, byte for byte.
     OneImage,
     /// Views are copies of given views, as in baselines.
@@ -96,6 +102,10 @@ impl fmt::Display for DiagnosisKind {
                 order.name()
             ),
             Self::Encoded(encoding) => write!(f, "values are {encoding}"),
+            Self::OtherColours => f.write_str(
+                "files state other colours than sRGB, by a profile or a gamma, which nothing applies; \
+                 write sRGB values without a profile",
+            ),
             Self::OutsideRange { share } => write!(
                 f,
                 "{:.0} % of the values of arrays lie outside of [0, 1] and are cut; write \
@@ -111,6 +121,12 @@ impl fmt::Display for DiagnosisKind {
             Self::DoubledPixels => f.write_str(
                 "every pixel stands twice in both directions, as enlarged from half the size; render \
                  at the scored size or enlarge with interpolation",
+            ),
+            Self::Distances(mistake) => write!(f, "{mistake}"),
+            Self::Bordered(border) => write!(
+                f,
+                "a border of a single colour is around the views ({border}); render the whole image at the scored size, \
+                 without cropping or padding"
             ),
             Self::OneImage => f.write_str(
                 "all views are one image, byte for byte, though the ground truth differs; render every \

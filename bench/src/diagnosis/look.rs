@@ -6,14 +6,16 @@ use omnilife_schemas::{camera::Camera, store};
 use rayon::prelude::*;
 
 use super::{
+    border::Border,
     copies::{self, Truth, Truths},
+    distances::Distances,
     images::{Small, psnr_db, reduced},
     shifts,
 };
 use crate::{
     error::BenchError,
     job::{ScoringJob, View},
-    metrics::ViewPair,
+    metrics::{DepthPair, Need, ViewPair},
     truth,
 };
 
@@ -36,6 +38,12 @@ pub(super) struct ViewFacts {
     pub(super) shifts: Vec<Option<[f64; 2]>>,
     /// True if every pixel is doubled.
     pub(super) is_doubled: bool,
+    /// Its border of a single colour.
+    pub(super) border: Border,
+    /// True if its file states other colours than sRGB.
+    pub(super) states_other_colours: bool,
+    /// Its predicted distances beside the true ones, where there are both.
+    pub(super) distances: Option<Distances>,
     /// Share of the values of an array outside of [0, 1].
     pub(super) outside: Option<f64>,
     /// SHA-256 of the prediction's bytes.
@@ -52,6 +60,9 @@ impl ViewFacts {
             medium: Small::of(pair, MEDIUM),
             shifts: shifts::by_part(pair, wraps),
             is_doubled: copies::is_doubled(pair),
+            border: Border::of(pair),
+            states_other_colours: false,
+            distances: None,
             outside: None,
             sha256: store::sha256_bytes(pair.as_predicted()),
         }
@@ -95,9 +106,11 @@ pub(super) fn look(
                     return Ok(None);
                 };
                 let mut looked = ViewFacts::of(view, &pair, wraps);
-                looked.outside = job
-                    .folder(view.kind)
-                    .and_then(|folder| folder.outside_share(view.frame));
+                if let Some(folder) = job.folder(view.kind) {
+                    looked.outside = folder.outside_share(view.frame);
+                    looked.states_other_colours = folder.states_other_colours(view.frame);
+                }
+                looked.distances = distances(job, view, &pair)?;
                 Ok(Some(looked))
             })
             .collect();
@@ -105,6 +118,30 @@ pub(super) fn look(
         looked.extend(found.into_iter().flatten());
     }
     Ok(looked)
+}
+
+/// Compares predicted distances of a view with the true ones; `None` without both.
+///
+/// # Errors
+/// When the true ones are unusable.
+fn distances(
+    job: &ScoringJob,
+    view: View,
+    pair: &ViewPair,
+) -> Result<Option<Distances>, BenchError> {
+    let folder = job
+        .folder(view.kind)
+        .filter(|folder| job.needs(Need::Depth) && folder.has_depth());
+    let depth = &job.scene.frames[view.frame as usize].depth;
+    let (Some(folder), Some(depth)) = (folder, depth) else {
+        return Ok(None);
+    };
+    let [width, height] = job.size;
+    let Ok(prediction) = folder.read_depth(view.frame, width, height) else {
+        return Ok(None);
+    };
+    let truth = truth::read_depth(job, depth)?;
+    Ok(Distances::of(pair, &DepthPair { prediction, truth }))
 }
 
 /// Returns true if the columns of the scene's images wrap.

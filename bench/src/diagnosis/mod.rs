@@ -6,8 +6,10 @@
 //! no finding. Views made only of the frame before are an exception: they look like views that are numbered one off. No
 //! score is ever taken from a changed view.
 
+mod border;
 mod colour;
 mod copies;
+mod distances;
 mod encoding;
 mod geometry;
 mod images;
@@ -34,6 +36,8 @@ use crate::{
 };
 
 pub use self::{
+    border::Border,
+    distances::DistanceMistake,
     encoding::Encoding,
     kind::{ChannelOrder, DiagnosisKind},
     order::FrameOrder,
@@ -288,9 +292,14 @@ impl OfKind<'_> {
         if share >= look::TELLING_OUTSIDE {
             kinds.push(DiagnosisKind::OutsideRange { share });
         }
+        if !views.is_empty() && views.iter().all(|view| view.states_other_colours) {
+            kinds.push(DiagnosisKind::OtherColours);
+        }
         if !views.is_empty() && views.iter().all(|view| view.is_doubled) {
             kinds.push(DiagnosisKind::DoubledPixels);
         }
+        kinds.extend(distances::mistake(views).map(DiagnosisKind::Distances));
+        kinds.extend(border::common(views).map(DiagnosisKind::Bordered));
         if copied == 0 && copies::is_one_image(views) {
             kinds.push(DiagnosisKind::OneImage);
         }

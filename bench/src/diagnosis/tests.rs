@@ -2,7 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use super::{
-    colour,
+    border, colour,
     copies::{self, Truth, Truths},
     encoding::Encoding,
     geometry,
@@ -218,6 +218,7 @@ fn honest_views_have_no_finding() {
         assert_eq!(order(views, &truths), None, "{name}");
         assert!(!copies::is_one_image(views), "{name}");
         assert!(!views.iter().any(|view| view.is_doubled), "{name}");
+        assert_eq!(border::common(views), None, "{name}");
     }
 }
 

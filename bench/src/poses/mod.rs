@@ -12,6 +12,7 @@
 //! frames alone, so the share of these belongs beside them.
 
 pub(crate) mod align;
+mod conventions;
 mod relative;
 
 use omnilife_schemas::{
@@ -84,6 +85,7 @@ pub fn score_poses(scene: &Scene, estimate: &PoseEstimate<'_>) -> Result<PoseSco
     let registered_frames = pairs.len() as u32;
     // Before the alignment: a scale of 0 would take the directions away.
     let auc = relative::areas(&frames, path_length);
+    let convention = conventions::note(&frames, path_length);
     for frame in &mut frames {
         frame.estimated = frame.estimated.and_then(|pose| alignment.apply(&pose));
     }
@@ -120,6 +122,7 @@ pub fn score_poses(scene: &Scene, estimate: &PoseEstimate<'_>) -> Result<PoseSco
             .map(note)
             .into_iter()
             .chain((alignment.scale <= 0.0).then(|| AGAINST.to_owned()))
+            .chain(convention)
             .collect(),
     })
 }

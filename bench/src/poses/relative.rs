@@ -1,6 +1,6 @@
 //! Errors of motions from one frame to another.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use omnilife_schemas::{
     Pose,
     pose::angle_between,
@@ -29,7 +29,7 @@ pub(super) struct FramePoses {
 }
 
 /// Returns the motion from a camera to another in the frame of the first: rotation and translation.
-fn motion(from: &Pose, to: &Pose) -> Option<(glam::DQuat, DVec3)> {
+pub(super) fn motion(from: &Pose, to: &Pose) -> Option<(DQuat, DVec3)> {
     let back = from.rotation()?.inverse();
     Some((back * to.rotation()?, back * (to.centre() - from.centre())))
 }
@@ -69,7 +69,7 @@ pub(super) fn neighbours(frames: &[FramePoses]) -> Option<RelativePoseError> {
 pub(super) fn areas(frames: &[FramePoses], path_length: f64) -> Vec<PoseAuc> {
     let stride = frames.len().div_ceil(MOST_PAIRED_FRAMES).max(1);
     let frames: Vec<&FramePoses> = frames.iter().step_by(stride).collect();
-    let least_baseline = LEAST_BASELINE_SHARE * path_length;
+    let least_baseline = least_baseline(path_length);
     let mut sums = [0.0; THRESHOLDS_DEGREES.len()];
     let mut pairs = 0_u64;
     for (index, from) in frames.iter().enumerate() {
@@ -90,17 +90,32 @@ pub(super) fn areas(frames: &[FramePoses], path_length: f64) -> Vec<PoseAuc> {
 
 /// Returns the error of a pair, degrees; `None` where a pose is missing.
 fn pair_error(from: &FramePoses, to: &FramePoses, least_baseline: f64) -> Option<f64> {
-    let (true_turn, true_step) = motion(&from.reference, &to.reference)?;
-    let (turn, step) = motion(from.estimated.as_ref()?, to.estimated.as_ref()?)?;
+    let reference = motion(&from.reference, &to.reference)?;
+    let estimated = motion(from.estimated.as_ref()?, to.estimated.as_ref()?)?;
+    Some(motion_degrees(reference, estimated, least_baseline))
+}
+
+/// Returns the length up to which a true translation has no direction.
+pub(super) fn least_baseline(path_length: f64) -> f64 {
+    LEAST_BASELINE_SHARE * path_length
+}
+
+/// Returns the error of a motion in degrees: the larger one of the angle of the rotations and that between the
+/// directions of the translations, which the true one has above `least_baseline`.
+pub(super) fn motion_degrees(
+    (true_turn, true_step): (DQuat, DVec3),
+    (turn, step): (DQuat, DVec3),
+    least_baseline: f64,
+) -> f64 {
     let of_turn = angle_between(true_turn, turn).to_degrees();
     if true_step.length() <= least_baseline {
-        return Some(of_turn);
+        return of_turn;
     }
     if step == DVec3::ZERO {
-        return Some(MISSING_DEGREES);
+        return MISSING_DEGREES;
     }
     let of_step = true_step.cross(step).length().atan2(true_step.dot(step));
-    Some(of_turn.max(of_step.to_degrees()))
+    of_turn.max(of_step.to_degrees())
 }
 
 /// Returns the errors along parts of the path (the odometry errors of KITTI, Geiger et al. 2012, by shares of the path):

@@ -35,7 +35,7 @@ use crate::{
     metrics::Need,
     side_by_side,
     split::without_content,
-    summary, truth,
+    statement, summary, truth,
 };
 
 /// Scores predictions and writes into `request.out`:
@@ -59,10 +59,7 @@ use crate::{
 /// missing, or a file cannot be written. Also when the output folder holds the result of another method, scene or
 /// protocol, or foreign files.
 pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRecord, BenchError> {
-    if request.method.trim().is_empty() {
-        let reason = "the method must have a name, for the tables".to_owned();
-        return Err(BenchError::Statement { reason });
-    }
+    statement::check_method(&request.method)?;
     let job = ScoringJob::prepare(request)?;
     let result_file = request.out.join(RESULT_FILE);
     refuse_another_result(&job, &result_file)?;

@@ -11,12 +11,14 @@
 //! ```
 
 pub mod boxes;
+mod conventions;
 pub mod paths;
 pub mod world;
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use omnilife_schemas::{
+    plain_text::counted,
     records::{Detection, Scene, Tracks},
     store,
 };
@@ -24,6 +26,7 @@ use serde::Serialize;
 
 use crate::error::BenchError;
 use boxes::{DetectionScores, TrackBox, TrackScores};
+use conventions::Sizes;
 use paths::PathScores;
 use world::{TruePoses, World, WorldAlignment};
 
@@ -32,6 +35,8 @@ use world::{TruePoses, World, WorldAlignment};
 pub struct TrackReport {
     /// Note if true boxes refer to another size of the image and were rescaled to that of the tracks.
     pub rescaled: Option<String>,
+    /// Lines on boxes that are not scored, and on a convention of boxes or frames in which they fit much better.
+    pub notes: Vec<String>,
     /// Scores of all detections, in a track or not.
     pub detections: DetectionScores,
     /// Scores in the images.
@@ -49,15 +54,18 @@ pub struct TrackReport {
 /// `true_poses`. Without these they are left out, with the reason.
 ///
 /// # Errors
-/// When a file cannot be read or has unusable tracks, or true boxes are in images of another aspect ratio.
+/// When a file cannot be read or has unusable tracks, tracks are of another scene or of frames that it lacks, or true
+/// boxes are in images of another aspect ratio.
 pub fn compare_tracks(
     tracks_file: &Path,
     truth_file: &Path,
     scene: &Scene,
     true_poses: Option<&TruePoses<'_>>,
 ) -> Result<TrackReport, BenchError> {
-    let found = read_tracks(tracks_file)?;
-    let mut truth = read_tracks(truth_file)?;
+    let found = read_tracks(tracks_file, scene)?;
+    let mut truth = read_tracks(truth_file, scene)?;
+    refuse_other_frames(&found, scene)
+        .map_err(|reason| BenchError::mismatch(tracks_file, reason))?;
     let rescaled = bring_to_size(&mut truth, found.image_size)
         .map_err(|reason| BenchError::mismatch(truth_file, reason))?;
     let here = |tracks: &Tracks| -> Vec<Detection> {
@@ -67,6 +75,34 @@ pub fn compare_tracks(
             .collect()
     };
     let (true_boxes, found_boxes) = (here(&truth), here(&found));
+    let left_out = [
+        (
+            truth.detections.len() - true_boxes.len(),
+            "true boxes are in frames that the tracks did not look at",
+        ),
+        (
+            found.detections.len() - found_boxes.len(),
+            "boxes of the tracks are in frames that these did not look at",
+        ),
+    ];
+    let mut notes: Vec<String> = left_out
+        .into_iter()
+        .filter(|(boxes, _)| *boxes > 0)
+        .map(|(boxes, reason)| {
+            format!(
+                "{boxes} {reason}, and are not scored: `frames` lists {}",
+                counted(found.frames.len(), "frame")
+            )
+        })
+        .collect();
+    notes.extend(conventions::note(
+        &true_boxes,
+        &found_boxes,
+        &Sizes {
+            image: found.image_size.map(f64::from),
+            scene: [scene.camera.width(), scene.camera.height()].map(f64::from),
+        },
+    ));
     let of_tracks = |boxes: &[Detection]| -> Vec<TrackBox> {
         let of_track = |one: &Detection| {
             Some(TrackBox {
@@ -95,6 +131,7 @@ pub fn compare_tracks(
     };
     Ok(TrackReport {
         rescaled,
+        notes,
         detections: boxes::score_detections(&true_boxes, &detected),
         boxes: boxes::score_boxes(&of_tracks(&true_boxes), &of_tracks(&found_boxes)),
         paths: world.and_then(|world| paths::score_paths(&truth, &found, scene, &world)),
@@ -103,12 +140,40 @@ pub fn compare_tracks(
     })
 }
 
-/// Reads tracks that can be scored.
-fn read_tracks(file: &Path) -> Result<Tracks, BenchError> {
+/// Reads tracks of a scene that can be scored.
+fn read_tracks(file: &Path, scene: &Scene) -> Result<Tracks, BenchError> {
     let tracks: Tracks = store::read_record(file)?;
-    match tracks.fault() {
+    let of_boxes = || {
+        let is_reversed = |one: &&Detection| one.box_pixels[2..].iter().any(|&side| side < 0.0);
+        let bad = tracks.detections.iter().find(is_reversed)?;
+        Some(format!(
+            "frame {} has a box of negative width or height: {:?}",
+            bad.frame, bad.box_pixels
+        ))
+    };
+    let of_scene = || {
+        let (own, id) = (&tracks.scene, &scene.id);
+        (own != id).then(|| format!("has the tracks of {own}, not of {id}"))
+    };
+    match tracks.fault().or_else(of_boxes).or_else(of_scene) {
         Some(fault) => Err(BenchError::mismatch(file, fault)),
         None => Ok(tracks),
+    }
+}
+
+/// Refuses tracks without frames, whose scores would be of nothing, and those with frames that the scene lacks.
+fn refuse_other_frames(tracks: &Tracks, scene: &Scene) -> Result<(), String> {
+    if tracks.frames.is_empty() {
+        return Err("must list in `frames` which frames were looked at, got none".to_owned());
+    }
+    let of_boxes = tracks.detections.iter().map(|one| one.frame);
+    let frames: BTreeSet<u32> = tracks.frames.iter().copied().chain(of_boxes).collect();
+    let count = scene.frames.len();
+    match frames.last().filter(|&&last| last as usize >= count) {
+        Some(last) => Err(format!(
+            "has frame {last}, and the scene has {count}, counted from 0"
+        )),
+        None => Ok(()),
     }
 }
 
@@ -144,6 +209,14 @@ fn bring_to_size(tracks: &mut Tracks, size: [u32; 2]) -> Result<Option<String>, 
 mod tests {
     use super::*;
 
+    /// Returns the scene of [`tracks`], of three frames.
+    fn scene() -> Scene {
+        Scene {
+            id: "flight".to_owned(),
+            ..crate::poses::tests::scene(&[None; 3])
+        }
+    }
+
     fn tracks(image_size: [u32; 2], box_pixels: [f64; 4]) -> Tracks {
         Tracks {
             scene: "flight".to_owned(),
@@ -171,15 +244,78 @@ mod tests {
     {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("tracks.json");
+        let flight = scene();
         let mut twice = tracks([320, 180], [1.0, 1.0, 9.0, 9.0]);
         twice.detections[0].track = Some(3);
         store::write_record(&file, &twice)?;
-        assert_eq!(read_tracks(&file)?, twice);
+        assert_eq!(read_tracks(&file, &flight)?, twice);
         twice.detections.push(twice.detections[0].clone());
         store::write_record(&file, &twice)?;
-        let refusal = read_tracks(&file).err().map(|error| error.to_string());
-        let expected = format!("{}: frame 0 has two boxes of track 3", file.display());
-        assert_eq!(refusal, Some(expected));
+        let refusal = |scene: &Scene| {
+            read_tracks(&file, scene)
+                .err()
+                .map(|error| error.to_string())
+        };
+        let expected = |reason: &str| Some(format!("{}: {reason}", file.display()));
+        assert_eq!(
+            refusal(&flight),
+            expected("frame 0 has two boxes of track 3")
+        );
+        let reversed = tracks([320, 180], [9.0, 9.0, -8.0, 8.0]);
+        store::write_record(&file, &reversed)?;
+        assert_eq!(
+            refusal(&flight),
+            expected("frame 0 has a box of negative width or height: [9.0, 9.0, -8.0, 8.0]")
+        );
+        store::write_record(&file, &tracks([320, 180], [1.0, 1.0, 9.0, 9.0]))?;
+        let walk = crate::poses::tests::scene(&[]);
+        assert_eq!(
+            refusal(&walk),
+            expected("has the tracks of flight, not of walk/seq-000")
+        );
+        Ok(())
+    }
+
+    /// Scores of no frame, or of the wrong ones, look like those of perfect tracks.
+    #[test]
+    fn frames_that_were_not_looked_at_are_told() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let [truth_file, file] = ["truth.json", "tracks.json"].map(|name| folder.path().join(name));
+        let mut truth = tracks([320, 180], [1.0, 1.0, 9.0, 9.0]);
+        truth.frames = vec![0, 1, 2];
+        for frame in [1, 2] {
+            let mut one = truth.detections[0].clone();
+            one.frame = frame;
+            truth.detections.push(one);
+        }
+        store::write_record(&truth_file, &truth)?;
+        let compared = |frames: &[u32]| -> Result<TrackReport, BenchError> {
+            let mut found = truth.clone();
+            found.frames = frames.to_vec();
+            store::write_record(&file, &found)?;
+            compare_tracks(&file, &truth_file, &scene(), None)
+        };
+        assert_eq!(compared(&[0, 1, 2])?.notes, Vec::<String>::new());
+        let notes = compared(&[0])?.notes;
+        assert_eq!(notes.len(), 2, "{notes:?}");
+        for note in notes {
+            assert!(
+                note.starts_with("2 ") && note.contains("lists 1 frame"),
+                "{note}"
+            );
+        }
+        for (frames, expected) in [
+            (Vec::new(), "must list in `frames`"),
+            (vec![0, 1, 2, 3], "has frame 3, and the scene has 3"),
+        ] {
+            let refusal = compared(&frames).err().map(|error| error.to_string());
+            assert!(
+                refusal
+                    .as_ref()
+                    .is_some_and(|reason| reason.contains(expected)),
+                "{refusal:?}"
+            );
+        }
         Ok(())
     }
 

@@ -286,8 +286,8 @@ fn a_folder_that_is_not_there_is_no_folder_of_failures() {
 
 /// A table cannot tell such a method from the next one.
 #[test]
-fn a_method_without_a_name_is_not_scored() {
-    for name in ["", " ", "\t"] {
+fn a_method_without_a_plain_name_is_not_scored() {
+    for name in ["", " ", "\t", "mine ", " mine", "mi\nne"] {
         let mut bench = Bench::new();
         bench.request.method = name.to_owned();
         assert!(bench.score().is_err(), "{name:?}");

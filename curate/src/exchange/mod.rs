@@ -52,7 +52,7 @@ pub use own_record::scene_id;
 pub use parts::Part;
 pub use published_split::ForeignSplit;
 pub use scene_folder::{ImportRequest, MaskMeaning, import};
-pub use trajectory::read_trajectory;
+pub use trajectory::{Trajectory, read_trajectory};
 
 use crate::error::CurateError;
 

@@ -1,10 +1,14 @@
 //! Camera poses in the forms of other tools, for the frames of a scene.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use omnilife_schemas::{
     Pose,
     layout::SCENE_FILE,
+    plain_text,
     records::{PoseConvention, Scene},
     store,
 };
@@ -16,6 +20,15 @@ use crate::{
 };
 
 const TRANSFORMS_FILE: &str = "transforms.json";
+
+/// Camera poses of a scene's frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trajectory {
+    /// A pose for each frame of the scene, where there is one.
+    pub poses: Vec<Option<Pose>>,
+    /// Lines on problems: missing poses, times that look like another unit, poses of no frame, further models.
+    pub notes: Vec<String>,
+}
 
 /// Reads the poses of a scene's frames, one entry for each of them.
 ///
@@ -31,7 +44,7 @@ pub fn read_trajectory(
     path: &Path,
     convention: Option<PoseConvention>,
     scene: &Scene,
-) -> Result<Vec<Option<Pose>>, CurateError> {
+) -> Result<Trajectory, CurateError> {
     for name in [SCENE_FILE, TRANSFORMS_FILE] {
         let file = path.join(name);
         if file.is_file() {
@@ -53,7 +66,10 @@ pub fn read_trajectory(
                 .map(|image| (image.name.clone(), image.pose()))
                 .collect()
         }
-        _ => return poses_of_scene(path, convention, scene),
+        _ => {
+            let (poses, notes) = poses_of_scene(path, convention, scene)?;
+            return Ok(Trajectory { poses, notes });
+        }
     };
     if convention.is_some() {
         let reason = "must be a .npy with matrices: other files take no convention";
@@ -67,7 +83,7 @@ fn by_name(
     path: &Path,
     named: &[(String, Pose)],
     scene: &Scene,
-) -> Result<Vec<Option<Pose>>, CurateError> {
+) -> Result<Trajectory, CurateError> {
     let mut poses = BTreeMap::new();
     for (image, pose) in named {
         if poses.insert(stem_of(image), *pose).is_some() {
@@ -95,7 +111,28 @@ fn by_name(
         );
         return Err(CurateError::input(path, reason));
     }
-    Ok(of_frames)
+    let known: BTreeSet<&str> = scene
+        .frames
+        .iter()
+        .map(|frame| stem_of(&frame.image))
+        .collect();
+    let strays: Vec<String> = named
+        .iter()
+        .filter(|(image, _)| !known.contains(stem_of(image)))
+        .map(|(image, _)| image.clone())
+        .collect();
+    let note = (!strays.is_empty()).then(|| {
+        format!(
+            "{} of {} poses are of images of no frame: {}",
+            strays.len(),
+            named.len(),
+            plain_text::first_of(&strays)
+        )
+    });
+    Ok(Trajectory {
+        poses: of_frames,
+        notes: note.into_iter().collect(),
+    })
 }
 
 /// Returns the name of an image without its folder and ending.
@@ -134,7 +171,7 @@ mod tests {
     /// Checks that the poses of the first and the last frame are those of the scene, and that the middle has none.
     fn expect_ends(path: &Path) -> Result<(), Box<dyn Error>> {
         let scene = scene();
-        let poses = read_trajectory(path, None, &scene)?;
+        let Trajectory { poses, .. } = read_trajectory(path, None, &scene)?;
         assert!(
             poses.len() == 3 && poses[1].is_none(),
             "{}: {poses:?}",
@@ -189,6 +226,25 @@ mod tests {
         other.frames[1].pose = None;
         store::write_record(&file("scene.json"), &other)?;
         expect_ends(folder.path())?;
+        // A frame more than the scene has.
+        let extra = SceneFrame::new("000003.jpg".to_owned(), 1.5, other.frames[0].pose);
+        other.frames.push(extra);
+        store::write_record(&file("scene.json"), &other)?;
+        let notes = read_trajectory(folder.path(), None, &scene())?.notes;
+        assert_eq!(
+            notes,
+            ["1 of 3 poses are of images of no frame: 000003.jpg"]
+        );
+        // Milliseconds: one of them is the time of a frame all the same.
+        let text: String = [0.0, 500.0, 1000.0]
+            .map(|time| line(time, 0.002 * time))
+            .concat();
+        fs::write(file("ms.txt"), text)?;
+        let notes = read_trajectory(&file("ms.txt"), None, &scene())?.notes;
+        assert!(
+            notes.iter().any(|note| note.contains("another unit")),
+            "{notes:?}"
+        );
         for frame in &mut other.frames {
             frame.image = format!("other-{}", frame.time_seconds);
         }

@@ -90,7 +90,7 @@ impl PoseRequest {
     }
 }
 
-/// Reads given poses of the frames of a scene; `convention` is that of matrices.
+/// Reads given poses of the frames of a scene, with lines on their problems; `convention` is that of matrices.
 ///
 /// # Errors
 /// When the files are missing or malformed, or fit no frame.
@@ -98,9 +98,10 @@ pub(crate) fn poses_of_scene(
     path: &Path,
     convention: Option<PoseConvention>,
     scene: &Scene,
-) -> Result<Vec<Option<Pose>>, CurateError> {
+) -> Result<(Vec<Option<Pose>>, Vec<String>), CurateError> {
     refuse_missing(path)?;
-    Ok(given::read(path, convention, &FrameList::of_scene(scene, None))?.poses)
+    let read = given::read(path, convention, &FrameList::of_scene(scene, None))?;
+    Ok((read.poses, read.validation.problems))
 }
 
 /// Refuses a missing file or folder.

@@ -11,6 +11,7 @@ use crate::{
     group::{Group, MethodRow, SceneRow},
     numbers::Numbers,
     quantity::ViewKind,
+    repeats,
     table::{Cell, Column, Mark, Row, Table, cost_cells, mark_standings},
 };
 
@@ -171,6 +172,7 @@ fn views(result: &ResultRecord) -> String {
 fn notes(group: &Group<'_>) -> Vec<String> {
     let remarks = remarks_of(group);
     let mut lines: Vec<String> = remarks.serious().cloned().collect();
+    lines.extend(repeats::warnings(group));
     lines.extend(aids::warning(group));
     lines.extend(aids::note(group));
     lines.push(

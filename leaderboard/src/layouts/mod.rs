@@ -27,6 +27,7 @@ use crate::{
     published::{ANCHORS, Paper, PublishedLayout},
     quantity::{Quantity, ViewKind},
     remarks::Remarks,
+    repeats,
     table::{Column, ColumnContent, Mark, Row, STATED_MARK, Table, mark_standings},
 };
 
@@ -176,6 +177,7 @@ pub(crate) fn common_notes(group: &Group<'_>) -> Vec<String> {
         format::counted(places.len(), "video"),
     ));
     notes.extend(mark_notes(group));
+    notes.extend(repeats::warnings(group));
     notes.extend(aids::warning(group));
     notes.extend(aids::note(group));
     notes.extend(class_note(group));

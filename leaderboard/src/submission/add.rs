@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    records::Verification,
+    records::{MethodCard, Verification},
     store::{self, StoreError},
 };
 
@@ -11,13 +11,19 @@ use super::{
     RESULT_FILE, SUBMISSION_FILE, VERIFICATION_FILE, copy, pack::submission_error,
     verify::VerifiedSubmission,
 };
-use crate::{collect, error::LeaderboardError, format::slug, validate};
+use crate::{
+    collect::{RecordFiles, collect},
+    error::LeaderboardError,
+    format::slug,
+    validate,
+};
 
 /// Copies the results of a verified submission into a folder of results, without predictions and their former paths,
 /// and returns their new paths. They appear there atomically, with the record of their verification.
 ///
 /// # Errors
-/// When the folder holds results that contradict them, or that claim the same rows, or a file cannot be written.
+/// When the folder holds results that contradict them, or that claim the same rows, a submission of the same method by
+/// other authors, or a file cannot be written.
 pub fn add(
     verified: &VerifiedSubmission,
     verification: &Verification,
@@ -37,6 +43,7 @@ pub fn add(
         ));
     }
     store::create_folder(results)?;
+    refuse_other_authors(&record, &verified.submission.card, results)?;
     let mut all = match collect(results) {
         Ok(held) => held,
         Err(LeaderboardError::NoResults { .. }) => Vec::new(),
@@ -58,4 +65,29 @@ pub fn add(
     store::write_record(&beside.join(VERIFICATION_FILE), verification)?;
     store::rename(&beside, &target).map_err(|source| StoreError::write(&target, source))?;
     Ok(target)
+}
+
+/// Refuses a card whose method has other authors in a folder of results: both would be one row, and one mean.
+fn refuse_other_authors(
+    record: &Path,
+    card: &MethodCard,
+    results: &Path,
+) -> Result<(), LeaderboardError> {
+    let held = RecordFiles::below(results)?.cards()?;
+    let other = held
+        .iter()
+        .find(|held| held.method == card.method && held.authors != card.authors);
+    match other {
+        Some(other) => Err(submission_error(
+            record,
+            format!(
+                "method {} is by {}, and in {} it is by {}; another method needs another name",
+                card.method,
+                card.authors.join(", "),
+                results.display(),
+                other.authors.join(", ")
+            ),
+        )),
+        None => Ok(()),
+    }
 }

@@ -19,6 +19,7 @@ use omnilife_schemas::{
 
 use crate::error::LeaderboardError;
 use pack::submission_error;
+pub(crate) use verify::check_means_of;
 
 pub use add::add;
 pub use pack::{PackRequest, pack, read_card};

@@ -14,6 +14,7 @@ use omnilife_schemas::{
     records::{ObjectResults, ResultRecord, Submission, SubmittedResult, Summary},
     store::{self, StoreError},
 };
+use rayon::prelude::*;
 
 use super::{RESULT_FILE, SUBMISSION_FILE, described, files_below, pack::submission_error, size};
 use crate::{error::LeaderboardError, quantity::ViewKind, validate};
@@ -121,6 +122,24 @@ fn check_files(folder: &Path, entry: &SubmittedResult) -> Result<(), Leaderboard
         }
     }
     Ok(())
+}
+
+/// Compares the means of results with the tables of views beside them. Results may stand without these tables, as in a
+/// folder that keeps the records alone.
+///
+/// # Errors
+/// When a table cannot be read, or gives another mean: one of both was changed since scoring.
+pub(crate) fn check_means_of(results: &[(PathBuf, ResultRecord)]) -> Result<(), LeaderboardError> {
+    let checked: Vec<Result<(), LeaderboardError>> = results
+        .par_iter()
+        .filter(|(path, result)| {
+            let table = path.with_file_name(&result.frames_table);
+            result.run_failure.is_none() && is_inside(&result.frames_table) && table.is_file()
+        })
+        .map(|(path, result)| check_means(path, result))
+        .collect();
+    // The first one in the order of the files.
+    checked.into_iter().collect()
 }
 
 /// Compares every mean with that of its column in the table of views.

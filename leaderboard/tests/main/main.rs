@@ -10,6 +10,7 @@ mod ownership;
 mod published;
 mod questions;
 mod refusals;
+mod repeats;
 mod site;
 mod support;
 mod tables;

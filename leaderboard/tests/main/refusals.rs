@@ -1,12 +1,16 @@
 //! Results that no table is made of.
-use std::{fs, path::PathBuf};
+use std::{collections::BTreeMap, fs, path::PathBuf};
 
 use crate::{
     leaderboard::{Place, study},
-    support::{summary, write},
+    support::{result, summary, write},
 };
 use omnilife_leaderboard::{build, build_leaderboard};
-use omnilife_schemas::{Classified, ErrorKind, records::ResultRecord};
+use omnilife_schemas::{
+    Classified, ErrorKind,
+    frame_scores::{FrameRow, FrameScores},
+    records::ResultRecord,
+};
 
 fn refusal(change: impl Fn(&mut ResultRecord)) -> String {
     let mut results = study();
@@ -56,8 +60,52 @@ fn impossible_numbers_are_refused() {
             .insert("psnr".to_owned(), summary(20.0, 0));
     });
     assert!(message.contains("is a mean of no views"), "{message}");
+    for (name, printed) in [("odgs ", "\"odgs \""), ("od\ngs", "\"od\\ngs\"")] {
+        let message = refusal(|result| result.method = name.to_owned());
+        assert!(
+            message.contains("without spaces around it") && message.ends_with(printed),
+            "{message}"
+        );
+    }
     let message = refusal(|result| result.method = " ".to_owned());
     assert!(message.contains("the method has no name"), "{message}");
+}
+
+/// A record or a table that was edited by hand.
+#[test]
+fn means_that_are_not_those_of_their_views_are_refused() {
+    let place = Place::with(&[]);
+    let scored = ResultRecord {
+        input_views: BTreeMap::new(),
+        novel_views: [("psnr".to_owned(), summary(20.0, 2))].into(),
+        ..result("park", "mine", 20.0, 0.9)
+    };
+    let folder = write(&place.request.results, &scored);
+    let table = |scores: [f64; 2]| {
+        let rows = scores
+            .into_iter()
+            .zip([4, 9])
+            .map(|(score, frame)| FrameRow {
+                view: "novel".to_owned(),
+                frame,
+                time_seconds: f64::from(frame),
+                distance_to_given: None,
+                scores: vec![Some(score)],
+            });
+        let table = FrameScores {
+            metrics: vec!["psnr".to_owned()],
+            rows: rows.collect(),
+        };
+        table.write(&folder.join("frames.csv")).unwrap();
+    };
+    table([19.0, 21.0]);
+    build_leaderboard(&place.request).unwrap();
+    table([19.0, 22.0]);
+    let message = build_leaderboard(&place.request).unwrap_err().to_string();
+    assert!(
+        message.contains("psnr of the novel views is 20, its table gives 20.5"),
+        "{message}"
+    );
 }
 
 #[test]

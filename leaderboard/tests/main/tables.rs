@@ -140,6 +140,29 @@ fn one_name_for_two_scenes_is_refused() {
     assert!(!message.contains('\n'), "{message}");
 }
 
+/// A mean of the easy views alone is not that of a scene.
+#[test]
+fn views_that_are_neither_scored_nor_failed_are_refused() {
+    let mut results = two_methods();
+    for summary in results[2].novel_views.values_mut() {
+        summary.views = 9;
+    }
+    let message = refusal(results.clone());
+    assert!(
+        message.contains("every novel view of scene street, got 9 with failures")
+            && message.contains("scores 12"),
+        "{message}"
+    );
+    assert!(!message.contains('\n'), "{message}");
+    let failure = |frame: u32| Failure {
+        view: "novel".to_owned(),
+        frame,
+        reason: format!("{frame:06}.png is missing"),
+    };
+    results[2].failures = [4, 9, 14].map(failure).into();
+    assert!(tables(results).contains("000004.png is missing"));
+}
+
 /// Scores of regions stand in the table, and not beside those of regions by other tracks.
 #[test]
 fn scores_by_region_are_shown_where_the_regions_are_the_same() {

@@ -44,6 +44,11 @@ fn suggestion(meant: Option<&str>) -> String {
     meant.map_or_else(String::new, |meant| format!("; did you mean {meant:?}?"))
 }
 
+/// Returns true for a name that is one in a table: of one line, and without spaces around it, which no table shows.
+pub fn is_plain(name: &str) -> bool {
+    !name.is_empty() && name.trim() == name && !name.chars().any(char::is_control)
+}
+
 /// Returns the entry of this name.
 ///
 /// # Errors
@@ -62,6 +67,16 @@ pub fn find<'a, T>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn plain_names_are_those_that_a_table_shows_as_they_are() {
+        for name in ["odgs", "my method", "méthode-2"] {
+            assert!(is_plain(name), "{name:?}");
+        }
+        for name in ["", " ", "odgs ", "\u{a0}odgs", "od\ngs", "od\tgs"] {
+            assert!(!is_plain(name), "{name:?}");
+        }
+    }
 
     #[test]
     fn an_unknown_name_lists_the_known_ones_and_the_nearest() {

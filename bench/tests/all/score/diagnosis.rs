@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use ::image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use omnilife_bench::{
     DiagnosisKind, ValidationReport, diagnose,
     diagnosis::{ChannelOrder, Encoding, FrameOrder},
@@ -212,6 +213,28 @@ fn frames_that_are_given_and_held_out_are_told_of_the_data() {
     assert!(warnings[0].contains("1 of 4"), "{}", warnings[0]);
     let report = validated(&bench);
     assert_eq!((report.findings, report.notes.len()), (Vec::new(), 1));
+}
+
+/// Programs show such files in different ways, and scores are of the values as they are stored.
+#[test]
+fn files_that_state_other_colours_are_told() {
+    let bench = bench(predicted);
+    let as_it_is = bench.score().unwrap().novel_views["psnr"].mean;
+    for frame in [4, 9, 14, 19] {
+        let file = fs::File::create(bench.at(&format!("novel/{frame:06}.png"))).unwrap();
+        let mut encoder = PngEncoder::new(file);
+        encoder.set_icc_profile(vec![0; 132]).unwrap();
+        let [width, height] = [COLUMNS, ROWS].map(|side| side as u32);
+        encoder
+            .write_image(&predicted(frame), width, height, ExtendedColorType::Rgb8)
+            .unwrap();
+    }
+    let diagnosis = diagnose(&bench.request).unwrap();
+    let kinds: Vec<DiagnosisKind> = diagnosis.findings.iter().map(|found| found.kind).collect();
+    assert_eq!(kinds, [DiagnosisKind::OtherColours]);
+    let result = bench.score().unwrap();
+    assert!(result.warnings[0].contains("other colours than sRGB"));
+    assert_eq!(result.novel_views["psnr"].mean, as_it_is);
 }
 
 /// Cut values are told where they are few, and are another range where they are many.
