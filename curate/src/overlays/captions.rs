@@ -154,13 +154,13 @@ impl CaptionPass {
             let together = ended.iter().copied();
             let together =
                 together.filter(move |(_, run)| run.begin.abs_diff(begin) <= BEGIN_SAMPLES);
-            self.groups_of(&together.collect::<Vec<_>>(), begin, end)
+            self.groups_of(&together.collect::<Vec<_>>(), begin)
         });
         groups.collect()
     }
 
     /// Returns the groups of strokes that began and ended together.
-    fn groups_of(&self, together: &[(usize, &Run)], begin: u32, end: u32) -> Vec<Group> {
+    fn groups_of(&self, together: &[(usize, &Run)], begin: u32) -> Vec<Group> {
         let grid = self.grid();
         let mut runs: BTreeMap<usize, &Run> = together.iter().copied().collect();
         let marks = dense(&grid, runs.keys().copied());

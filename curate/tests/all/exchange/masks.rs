@@ -225,10 +225,11 @@ fn masks_that_mark_most_as_moving_are_told() {
             foreign.paint(&format!("masks/{name}.png.png"), colour);
         }
         let out = foreign.path().join("out");
+        let source = foreign.path().join("in");
         let request = ImportRequest {
             frames_per_second: Some(10.0),
             masks,
-            ..ImportRequest::new(&foreign.path().join("in"), "colmap", "foreign", &out)
+            ..ImportRequest::new(&source, "colmap", "foreign", &out)
         };
         let problems = import(&request).unwrap().validation.problems.into_iter();
         problems.filter(|line| line.contains("as moving")).collect()
