@@ -26,6 +26,7 @@ BEGIN_SAMPLES, END_SAMPLES, MOST_BEGINS = 2, 1, 8
 LEAST_NEAR, NEAR_PIXELS, REACH_PIXELS, LEAST_PROFILE = 7, 3, 10, 0.2
 LEAST_STERADIANS, LEAST_DENSITY, MOST_STERADIANS, LEAST_PURITY, LEAST_CONCENTRATION = 0.012, 0.2, 0.8, 0.3, 0.5
 LEAST_ASPECT, MOST_LATITUDE, PROMINENT_STERADIANS = 1.2, 65, 0.02
+LONG_SAMPLES, LEAST_SHORT_STRENGTH = 6, 40
 AREAS = AREA.reshape(HEIGHT, WIDTH)
 TEXTS = ["Oahu, Hawaii", "Jane Doe, engineer", "ANTHONY WALSH", "Day 3: the old harbour", "SUBSCRIBE", "Kyoto 2019",
          "Dr. Lee\nMarine biologist", "www.wander360.com", "We walk up to the gate now", "Entering the tunnel, km 4"]
@@ -79,6 +80,7 @@ class Runs:
         self.mean = np.zeros((2, HEIGHT, WIDTH), np.float32)
         self.count, self.begin = np.zeros((2, HEIGHT, WIDTH), int)
         self.ended_begin, self.ended_end = np.full((2, HEIGHT, WIDTH), -99)
+        self.strength, self.ended_strength = np.zeros((2, HEIGHT, WIDTH), np.float32)
 
     def add(self, number, level):
         gradient = np.zeros_like(self.mean)
@@ -90,8 +92,10 @@ class Runs:
         goes_on = (self.count > 0) & is_stroke & near
         ends = (self.count >= LEAST_SAMPLES) & ~goes_on
         self.ended_begin[ends], self.ended_end[ends] = self.begin[ends], number - 1
+        self.ended_strength[ends] = self.strength[ends]
         self.count = np.where(goes_on, self.count + 1, is_stroke)
         self.begin = np.where(goes_on, self.begin, number)
+        self.strength = np.where(goes_on, self.strength + (strength - self.strength) / np.maximum(self.count, 1), strength)
         self.mean = np.where(goes_on, self.mean + (gradient - self.mean) / np.maximum(self.count, 1), gradient)
 
 
@@ -142,9 +146,11 @@ def groups(runs, number):
             if strokes < LEAST_STERADIANS:
                 continue
             other = ~marks & ((runs.count >= LEAST_SAMPLES) | (runs.ended_end >= begin))
-            found.append({"begin": begin, "end": end, "at": (top, bottom, left, count), "strokes": strokes,
+            median = lambda values: int(np.sort(values[own])[own.sum() // 2])
+            found.append({"begin": median(runs.ended_begin), "end": median(runs.ended_end), "at": (top, bottom, left, count), "strokes": strokes,
                           "steradians": AREAS[inside].sum(), "purity": strokes / (strokes + AREAS[inside][other[inside]].sum()),
-                          "concentration": strokes / AREAS[marks].sum()})
+                          "concentration": strokes / AREAS[marks].sum(),
+                          "strength": np.average(runs.ended_strength[own], weights=AREAS[own])})
     return found
 
 
@@ -159,6 +165,7 @@ def is_caption(one):
     aspect = count / WIDTH * 2 * math.cos(math.radians(latitude)) / ((bottom + 1 - top) / HEIGHT)
     return (one["strokes"] >= LEAST_DENSITY * one["steradians"] and one["steradians"] <= MOST_STERADIANS
             and one["purity"] >= LEAST_PURITY and one["concentration"] >= LEAST_CONCENTRATION
+            and (one["end"] + 1 - one["begin"] >= LONG_SAMPLES or one["strength"] >= LEAST_SHORT_STRENGTH)
             and aspect >= LEAST_ASPECT and abs(latitude) <= MOST_LATITUDE)
 
 

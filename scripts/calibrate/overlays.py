@@ -6,7 +6,8 @@
 Both are equirectangular videos whose camera moves. Prints for spans of each clip, on which nothing is painted, the
 number with something artificial above 0.02 sr; then finds in pairs of shots of which one is painted. A model in NumPy
 of `curate/src/overlays` (`stability`, `regions` without grids and patches, `surroundings`, `captions`, `by_shot`) makes
-them, of 512x256 images, 0.2 s apart for captions and 0.4 s for what stays. Needs NumPy, Pillow and ffmpeg; takes some minutes.
+them, of 512x256 images, 0.2 s apart for captions and 0.4 s for what stays. Needs NumPy, Pillow and ffmpeg; takes some
+minutes.
 """
 
 import argparse
@@ -85,6 +86,11 @@ def standing(steps, least):
             name = "caption" if aspect >= 3 and of(constancy) < 0.93 else "watermark"
         found.append({**one, "class": name, "strength": of(strength), "stayed": of(stayed)})
     return len(steps), found
+
+
+def same_place(one, other):
+    angle = math.acos(np.clip(one["direction"] @ other["direction"], -1, 1))
+    return angle <= math.sqrt(max(one["area"], other["area"]) / math.pi)
 
 
 def passing(frames):

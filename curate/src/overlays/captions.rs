@@ -39,6 +39,9 @@ const LEAST_CONCENTRATION: f64 = 0.5;
 const LEAST_ASPECT: f64 = 1.2;
 /// Captions are not read at the poles: largest latitude of their middle, degrees.
 const MOST_LATITUDE_DEGREES: f64 = 65.0;
+/// Captions of fewer samples have at least this mean gradient, 8-bit levels per pixel: a skyline may stay as long.
+const LONG_SAMPLES: u32 = 6;
+const LEAST_SHORT_STRENGTH: f64 = 40.0;
 /// Groups with begins and ends at most so many samples and middles at most so many degrees apart are one.
 const SAME_SAMPLES: u32 = 3;
 const SAME_DEGREES: f64 = 20.0;
@@ -224,8 +227,7 @@ impl CaptionPass {
         if !is_with_shot(group.begin) || !is_with_shot(group.end) {
             return Some(OverlayClass::Caption);
         }
-        let samples = group.end + 1 - group.begin;
-        (samples >= LEAST_LASTING_SAMPLES).then_some(OverlayClass::Watermark)
+        (group.samples() >= LEAST_LASTING_SAMPLES).then_some(OverlayClass::Watermark)
     }
 
     fn seconds(&self, number: u32) -> f64 {
@@ -254,7 +256,7 @@ impl CaptionPass {
             variation_levels,
             saturated_share,
             sightings: Some(Sightings {
-                seen_frames: group.end + 1 - group.begin,
+                seen_frames: group.samples(),
                 looked_at_frames: self.samples(),
                 reach_degrees: 0.0,
                 block_pixels: 0.0,
@@ -268,10 +270,17 @@ impl CaptionPass {
 }
 
 impl Group {
+    /// Returns the number of samples for which it stays.
+    fn samples(&self) -> u32 {
+        self.end + 1 - self.begin
+    }
+
     fn is_caption(&self, grid: &Grid) -> bool {
         let [width, height] = self.rectangle.extent_degrees(grid);
         let [_, latitude] = self.rectangle.middle_degrees(grid);
+        let [_, strength, ..] = self.measures;
         self.strokes_steradians >= LEAST_DENSITY * self.steradians
+            && (self.samples() >= LONG_SAMPLES || strength >= LEAST_SHORT_STRENGTH)
             && self.steradians <= MOST_STERADIANS
             && self.purity >= LEAST_PURITY
             && self.concentration >= LEAST_CONCENTRATION
