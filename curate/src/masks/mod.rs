@@ -14,6 +14,7 @@ pub mod operator;
 mod plane;
 pub mod reliability;
 pub mod residual;
+mod still;
 mod vote;
 
 use std::{
@@ -86,8 +87,6 @@ pub struct MaskMethod {
     pub about: &'static str,
     /// Settings, for the record.
     pub settings: fn() -> String,
-    /// True if it looks at perspective frames too.
-    pub takes_perspective: bool,
     /// Returns the masks of every frame of the sequence in a folder, at frame size.
     pub find: FindMasks,
 }
@@ -219,13 +218,6 @@ fn find(
         }
         MaskSource::Method(id) => {
             let method = find_method(id, folder)?;
-            if sequence.is_pinhole() && !method.takes_perspective {
-                let reason = format!(
-                    "is of a pinhole, and {id} looks at whole spheres; masks of any other program can \
-                     be given as files"
-                );
-                return Err(CurateError::input(&folder.join(SEQUENCE_FILE), reason));
-            }
             Ok(MaskSet {
                 frames: (method.find)(folder, sequence, progress)?,
                 notes: Vec::new(),
