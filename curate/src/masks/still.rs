@@ -185,7 +185,8 @@ impl<'a, I: ComparableFrame> StillViews<'a, I> {
         }
     }
 
-    /// Marks the dynamic regions of a frame, at the size at which frames are compared; `None` unless the camera stands around it.
+    /// Marks the dynamic regions of a frame, at the size at which frames are compared; `None` unless the camera stands
+    /// around it. Frames are asked for in order of time.
     ///
     /// # Errors
     /// When a frame cannot be read or filtered.
