@@ -28,8 +28,10 @@ use crate::{
 const LEAST_GAP_SECONDS: f64 = 0.2;
 /// Views of one side, at most.
 const MOST_VIEWS: usize = 10;
-/// Views of one side from which on it has a say.
-const LEAST_VIEWS: usize = 5;
+/// Views of one side from which on it has a say ...
+const ENOUGH_VIEWS: usize = 5;
+/// ... and where neither side has so many, as in a short shot, the side with the most needs this many.
+const FEWEST_VIEWS: usize = 3;
 /// Detail may lie this many pixels from its place.
 const SLACK_PIXELS: usize = 1;
 /// Differences are averaged over squares that reach so many pixels.
@@ -59,7 +61,7 @@ const RIM_PIXELS: usize = 1;
 /// Returns the settings, for the record.
 pub(super) fn settings() -> String {
     format!(
-        "a standing camera: {LEAST_CHANGE} to {CLEAR_CHANGE} from {LEAST_VIEWS} to {MOST_VIEWS} views before and \
+        "a standing camera: {LEAST_CHANGE} to {CLEAR_CHANGE} from {FEWEST_VIEWS} to {MOST_VIEWS} views before and \
          after, {LEAST_GAP_SECONDS} s apart, in which {LEAST_AGREEMENT} of the detail agrees"
     )
 }
@@ -268,8 +270,10 @@ fn marked(sides: [&Side; 2], is_sphere: bool) -> opencv::Result<Option<Mask>> {
 
 /// Returns the change of each pixel that views on both sides agree on, above its own change from view to view.
 fn change(sides: [&Side; 2]) -> opencv::Result<Option<Field>> {
-    let sides = sides.into_iter();
-    let heard = sides.filter(|side| side.views.len() >= LEAST_VIEWS);
+    let most = sides.map(|side| side.views.len()).into_iter().max();
+    let enough = most.unwrap_or(0).clamp(FEWEST_VIEWS, ENOUGH_VIEWS);
+    let heard = sides.into_iter();
+    let heard = heard.filter(|side| side.views.len() >= enough);
     let heard: Vec<&Side> = heard.collect();
     let changes = heard.iter().map(|side| median(&side.differences));
     let Some(mut change) = changes.flatten().reduce(|a, b| a.smaller(&b)) else {
@@ -379,6 +383,21 @@ mod tests {
         let after = side((THIS + 1..=2 * THIS).map(|index| view(index, 0)));
         let mask = marked([&moving(), &after], false).expect("filtered");
         assert!(mask.is_some_and(|mask| mask.data[26 * WIDTH + 36] == 255));
+    }
+
+    #[test]
+    fn three_views_are_enough_where_there_are_no_more() {
+        let before = |views: usize| side((0..THIS).rev().take(views).map(|index| view(index, 0)));
+        let change = |views: [usize; 2]| {
+            let [shorter, longer] = views.map(before);
+            change([&shorter, &longer]).expect("filtered")
+        };
+        assert_eq!(change([2, 2]), None);
+        assert!(change([0, 3]).is_some());
+        // A side with fewer views has no say beside a longer one.
+        assert_eq!(change([2, 4]), change([0, 4]));
+        assert_eq!(change([4, 7]), change([0, 7]));
+        assert_ne!(change([5, 7]), change([0, 7]));
     }
 
     #[test]
