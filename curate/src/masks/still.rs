@@ -197,7 +197,9 @@ impl<'a, I: ComparableFrame> StillViews<'a, I> {
         let this = self.view(index)?;
         let [before, after] = around(&self.compared, index);
         let oldest = before.last().copied().unwrap_or(index);
-        self.held.retain(|&held, _| held >= oldest);
+        let compared = &self.compared;
+        self.held
+            .retain(|held, _| *held >= oldest && compared.binary_search(held).is_ok());
         let before = Side::of(&this, before.into_iter().map(|at| self.view(at)), folder)?;
         let after = Side::of(&this, after.into_iter().map(|at| self.view(at)), folder)?;
         let mask = marked([&before, &after], I::IS_SPHERE);
