@@ -19,6 +19,12 @@ pub(crate) fn square(reach: usize) -> opencv::Result<Mat> {
     imgproc::get_structuring_element_def(imgproc::MORPH_RECT, Size::new(side, side))
 }
 
+/// A disc that reaches so many pixels from its middle, as the structuring element of a morphological filter.
+pub(crate) fn disc(reach: usize) -> opencv::Result<Mat> {
+    let side = 2 * reach as i32 + 1;
+    imgproc::get_structuring_element_def(imgproc::MORPH_ELLIPSE, Size::new(side, side))
+}
+
 /// Filters a panorama in rows of `width` pixels by a filter that reaches `reach` columns to each side; beyond the
 /// seam the other edge goes on.
 pub(crate) fn across_seam<T: DataType>(

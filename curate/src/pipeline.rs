@@ -164,6 +164,9 @@ fn sequences_of(
             criteria.name
         ));
     }
+    for line in criteria::unenforced(&admission) {
+        progress.note(&format!("{}: {line}", video.display()));
+    }
     let work = Sequencing {
         video,
         folder,

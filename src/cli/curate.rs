@@ -358,7 +358,8 @@ impl MemoryLimitArguments {
 pub(crate) struct CurationSettingsArguments {
     #[command(flatten)]
     pub(crate) curation: CurationArguments,
-    /// Criteria that every video must meet: omnilife360, none, or a .toml file of thresholds.
+    /// Criteria that every video must meet: omnilife360, none, or a .toml file of thresholds. Overlays reject a video by
+    /// such a file alone; omnilife360 reports them.
     #[arg(long, default_value = omnilife_curate::criteria::PROFILES[0].id)]
     pub(crate) criteria: String,
     /// Also writes every sequence as mp4.

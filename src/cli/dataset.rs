@@ -4,13 +4,13 @@ use std::{env::VarError, path::PathBuf, time::Duration};
 
 use clap::{Args, ValueEnum, builder::NonEmptyStringValueParser};
 use omnilife_curate::{
-    FrameCommand, MaskProgram,
+    CurateError, FrameCommand, MaskProgram,
     annotation::{
         AnnotateSettings, CaptionCommand, CaptionEndpoint,
         endpoint::{Endpoint, Key, RetryPolicy},
     },
     exchange::{self, CubeFaces, MaskMeaning},
-    masks::MaskSource,
+    masks::{self, MaskSource},
     publish::{self, PublishSettings, SelectRequest},
 };
 
@@ -252,22 +252,30 @@ pub(crate) struct MasksArguments {
     )]
     pub(crate) command_timeout: u64,
     /// Finds dynamic regions by residual (motion that the camera's own does not explain), deeplab (people, animals
-    /// and vehicles by class; scripts/setup --models), or combined (those of deeplab that move).
-    #[arg(long, default_value = omnilife_curate::masks::METHODS[0].id)]
-    pub(crate) method: String,
+    /// and vehicles by class; scripts/setup --models), or combined (those of deeplab that move) [default: the first
+    /// that reaches its bar on labelled footage; while none does, one has to be named].
+    #[arg(long)]
+    pub(crate) method: Option<String>,
 }
 
 impl MasksArguments {
     /// Returns the source of masks.
-    pub(crate) fn source(&self) -> MaskSource {
-        match (&self.from, &self.command) {
-            (Some(folder), _) => MaskSource::Files(folder.clone()),
-            (None, Some(command)) => MaskSource::Program(MaskProgram {
+    ///
+    /// # Errors
+    /// When it is not named, and no method reaches its bar.
+    pub(crate) fn source(&self) -> Result<MaskSource, CurateError> {
+        Ok(match (&self.from, &self.command, &self.method) {
+            (Some(folder), ..) => MaskSource::Files(folder.clone()),
+            (None, Some(command), _) => MaskSource::Program(MaskProgram {
                 command: command.clone(),
                 time_limit: Some(Duration::from_secs(self.command_timeout)),
             }),
-            (None, None) => MaskSource::Method(self.method.clone()),
-        }
+            (None, None, Some(method)) => MaskSource::Method(method.clone()),
+            (None, None, None) => {
+                let method = masks::require_default_method(&self.sequence)?;
+                MaskSource::Method(method.id.to_owned())
+            }
+        })
     }
 }
 

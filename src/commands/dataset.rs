@@ -66,7 +66,7 @@ pub(crate) fn annotate(
 
 pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     termination::take_programs_along()?;
-    let record = write_masks(&arguments.sequence, &arguments.source(), progress)?;
+    let record = write_masks(&arguments.sequence, &arguments.source()?, progress)?;
     if let Some(reliability) = &record.reliability {
         progress.note(&format!("{}: {reliability}", record.method));
     }

@@ -10,8 +10,6 @@ use omnilife_curate::{
     masks::{
         self, MaskSource,
         operator::{self, OperatorSearch},
-        reliability,
-        reliability::Target,
     },
 };
 use omnilife_reconstruct::{methods::Method, request::MethodRequest};
@@ -130,15 +128,10 @@ pub(crate) fn operator(folder: &Path, id: &str, progress: &dyn Progress) -> Opti
 
 /// Returns the message on a method that trains without masks, because no detector reaches its bar.
 fn all_off(method: &str) -> String {
-    let detectors = masks::METHODS.iter().map(|detector| {
-        let reliability = reliability::of(detector.id, Target::Moving);
-        format!("{}: {}", detector.id, reliability.text)
-    });
-    let detectors: Vec<String> = detectors.collect();
     format!(
         "no dynamic masks are made for {method}: no detector reaches its bar; --masks-method NAME \
          turns one on, --masks-command takes a network ({})",
-        detectors.join(". ")
+        masks::scores_in_words()
     )
 }
 

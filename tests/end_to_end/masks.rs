@@ -156,3 +156,21 @@ fn the_main_job_says_which_detectors_are_off() {
     let ended = omnilife(&words).succeeded();
     assert!(!ended.stderr.contains("--masks-method"), "{}", ended.stderr);
 }
+
+/// Without a detector that reaches its bar, `curate masks` has to be given one.
+#[test]
+fn masks_without_a_method_name_the_scores_of_all() {
+    if omnilife_curate::masks::default_method().is_some() {
+        return;
+    }
+    let copy = copy_of_small_run();
+    let sequence = copy.path().join(SEQUENCE);
+    let ended = omnilife(["curate", "masks", sequence.to_str().unwrap()]);
+    assert_eq!(ended.code, Some(2), "{}", ended.stderr);
+    assert_eq!(ended.stderr.lines().count(), 1, "{}", ended.stderr);
+    for method in omnilife_curate::masks::METHODS {
+        assert!(ended.stderr.contains(method.id), "{}", ended.stderr);
+    }
+    assert!(ended.stderr.contains("--method"), "{}", ended.stderr);
+    assert!(!sequence.join("dynamic-masks/masks.json").exists());
+}

@@ -120,8 +120,10 @@ fn in_shots(overlay: &Overlay, report: &OverlayReport) -> String {
 mod tests {
     use omnilife_schemas::records::{OverlayClass, Sightings};
 
+    use omnilife_schemas::records::Probe;
+
     use super::*;
-    use crate::criteria::OMNILIFE360;
+    use crate::criteria::{Candidate, Criteria, OMNILIFE360, admit, failures, unenforced};
 
     fn moving_mosaic(steradians: f64, seen_frames: u32) -> Overlay {
         Overlay {
@@ -168,6 +170,45 @@ mod tests {
         // Without a named share no mosaic is allowed.
         let anywhere = Thresholds::default();
         assert!(spoils(&moving_mosaic(0.03, 3), &anywhere));
+    }
+
+    /// The published criteria report a mosaic of 0.03 sr and admit its video; criteria of a file reject it.
+    #[test]
+    fn overlays_reject_by_criteria_of_a_file_alone() {
+        let report = OverlayReport {
+            unjudged: None,
+            moving_steps: 20,
+            overlays: vec![moving_mosaic(0.03, 90)],
+            spans: Vec::new(),
+        };
+        let probe = Probe::of_size([4096, 2048]);
+        let candidate = Candidate {
+            probe: &probe,
+            projection: None,
+            damaged_frames: None,
+            overlays: Some(&report),
+        };
+        let overlays_alone = |overlays_are_reported_only| Criteria {
+            name: "overlays".to_owned(),
+            thresholds: Thresholds {
+                largest_overlay_steradians: Some(0.02),
+                overlays_are_reported_only,
+                ..Thresholds::default()
+            },
+        };
+        const { assert!(OMNILIFE360.thresholds.overlays_are_reported_only) };
+        let admission = admit(&overlays_alone(true), &candidate, true);
+        assert!(admission.admitted && failures(&admission).is_none());
+        assert_eq!((admission.checks.len(), admission.reported.len()), (0, 1));
+        let lines = unenforced(&admission);
+        assert_eq!(lines.len(), 1);
+        assert!(
+            lines[0].contains("0.03") && lines[0].contains("--criteria"),
+            "{lines:?}"
+        );
+        let admission = admit(&overlays_alone(false), &candidate, true);
+        assert!(!admission.admitted && failures(&admission).is_some());
+        assert!(unenforced(&admission).is_empty());
     }
 
     fn span(first_shot: u32, is_judged: bool) -> OverlaySpan {

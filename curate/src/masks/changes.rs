@@ -27,15 +27,23 @@ const STANDS_PIXELS: f32 = 2.0;
 
 /// A frame as it is compared.
 pub(super) trait ComparableFrame: Sized {
+    /// True for panoramas, false for perspective frames.
+    const IS_SPHERE: bool;
+
     /// Reads a frame of a sequence.
     fn read(folder: &Path, sequence: &Sequence, index: usize) -> Result<Self, CurateError>;
 
     /// Returns the mean difference of grey values around each pixel that a still scene would leave between this frame
     /// and another one, and true if the camera stood.
     fn compare(&self, that: &Self) -> opencv::Result<(Field, bool)>;
+
+    /// Returns its grey values, of [0, 1].
+    fn grey(&self) -> Field;
 }
 
 impl ComparableFrame for GreySphere {
+    const IS_SPHERE: bool = true;
+
     fn read(folder: &Path, sequence: &Sequence, index: usize) -> Result<Self, CurateError> {
         residual::compared_image(folder, sequence, index)
     }
@@ -48,6 +56,10 @@ impl ComparableFrame for GreySphere {
             residual::still_misfit(self, that, &motion, &directions)?,
             stands,
         ))
+    }
+
+    fn grey(&self) -> Field {
+        residual::luma(self)
     }
 }
 
@@ -89,6 +101,33 @@ impl<'a, I: ComparableFrame> Changes<'a, I> {
             changes.height,
             changes.values.iter().map(mark).collect(),
         ))
+    }
+
+    /// Returns a frame's grey values and its misfit to a still scene in the nearest frames before and after, whichever
+    /// is smaller. Frames are asked for in order of time.
+    ///
+    /// # Errors
+    /// When a frame cannot be read or filtered.
+    pub(super) fn misfit(&mut self, index: usize) -> Result<(Field, Field), CurateError> {
+        let near = residual::compared_with(&self.times, index);
+        for &other in near.iter().chain([&index]) {
+            self.load(other)?;
+        }
+        let this = &self.held[&index];
+        let grey = this.grey();
+        let misfits = near.iter().map(|other| this.compare(&self.held[other]));
+        let smallest = misfits
+            .map(|compared| compared.map(|(misfit, _)| misfit))
+            .reduce(|a, b| Ok(a?.smaller(&b?)))
+            .transpose()
+            .map_err(|error| CurateError::internal(self.folder, error))?;
+        self.forget_before(index);
+        let nothing = || Field {
+            values: vec![0.0; grey.values.len()],
+            ..grey
+        };
+        let misfit = smallest.unwrap_or_else(nothing);
+        Ok((grey, misfit))
     }
 
     fn load(&mut self, index: usize) -> Result<(), CurateError> {

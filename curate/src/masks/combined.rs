@@ -25,7 +25,6 @@ pub const METHOD: MaskMethod = MaskMethod {
     id: "combined",
     about: "people, animals and vehicles that move: regions of deeplab that motion confirms",
     settings,
-    takes_perspective: true,
     find,
 };
 
@@ -120,7 +119,7 @@ fn confirmed(
 }
 
 /// Returns the area of a pixel by its row: steradians, or the share of a perspective frame.
-fn area([width, height]: [usize; 2], is_perspective: bool) -> impl Fn(usize) -> f64 {
+pub(super) fn area([width, height]: [usize; 2], is_perspective: bool) -> impl Fn(usize) -> f64 {
     let camera = ErpCamera::new(width as u32, height as u32);
     move |row| match is_perspective {
         true => 1.0 / (width * height) as f64,

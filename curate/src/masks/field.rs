@@ -86,14 +86,16 @@ impl Field {
 
     /// Returns the area-weighted median over the sphere; 0 for an empty field.
     pub(super) fn median_on_sphere(&self) -> f32 {
+        self.median(|row| (PI * (row as f64 + 0.5) / self.height as f64).sin())
+    }
+
+    /// Returns the median of pixels with a weight by their row; 0 for an empty field.
+    pub(super) fn median(&self, weight: impl Fn(usize) -> f64) -> f32 {
         let mut weighted: Vec<(f32, f64)> = self
             .values
             .iter()
             .enumerate()
-            .map(|(index, &value)| {
-                let row = (index / self.width) as f64 + 0.5;
-                (value, (PI * row / self.height as f64).sin())
-            })
+            .map(|(index, &value)| (value, weight(index / self.width)))
             .collect();
         weighted.sort_by(|a, b| a.0.total_cmp(&b.0));
         let half = 0.5 * weighted.iter().map(|(_, weight)| weight).sum::<f64>();
@@ -143,6 +145,8 @@ mod tests {
         assert_eq!(caps.median_on_sphere(), 1.0);
         let ramp = field(8, 64, |_, y| y as f32);
         assert!((ramp.median_on_sphere() - 31.5).abs() <= 0.5);
+        let of_first_row = ramp.median(|row| f64::from(u8::from(row == 0)));
+        assert_eq!([of_first_row, caps.median(|_| 1.0)], [0.0, 1.0]);
         assert_eq!(ramp.slopes().values[8 * 20], 1.0);
     }
 }

@@ -14,6 +14,7 @@ pub mod operator;
 mod plane;
 pub mod reliability;
 pub mod residual;
+mod still;
 mod vote;
 
 use std::{
@@ -86,19 +87,42 @@ pub struct MaskMethod {
     pub about: &'static str,
     /// Settings, for the record.
     pub settings: fn() -> String,
-    /// True if it looks at perspective frames too.
-    pub takes_perspective: bool,
     /// Returns the masks of every frame of the sequence in a folder, at frame size.
     pub find: FindMasks,
 }
 
-/// All methods, the default one of `curate masks` first.
+/// All methods. Without a name, the first that reaches its bar is used ([`default_method`]).
 pub const METHODS: &[MaskMethod] = &[residual::METHOD, deeplab::METHOD, combined::METHOD];
 
-/// Returns the first method that reaches its bar on labelled footage, which the main job uses without a request.
+/// Returns the first method that reaches its bar on labelled footage, which is used without a request.
 pub fn default_method() -> Option<&'static MaskMethod> {
     let reaches_bar = |method: &&MaskMethod| reliability::of(method.id, Target::Moving).reaches_bar;
     METHODS.iter().find(reaches_bar)
+}
+
+/// Returns the default method, for the sequence in a folder.
+///
+/// # Errors
+/// [`CurateError::Input`] when no method reaches its bar; the line has the score of each and the option that names one.
+pub fn require_default_method(folder: &Path) -> Result<&'static MaskMethod, CurateError> {
+    default_method().ok_or_else(|| {
+        let reason = format!(
+            "must be given a method: no detector of moving content reaches its bar, so --method NAME has \
+             to take one ({})",
+            scores_in_words()
+        );
+        CurateError::input(folder, reason)
+    })
+}
+
+/// Returns all methods with their scores on labelled footage, in words.
+pub fn scores_in_words() -> String {
+    let words = METHODS.iter().map(|method| {
+        let reliability = reliability::of(method.id, Target::Moving);
+        format!("{}: {}", method.id, reliability.text)
+    });
+    let words: Vec<String> = words.collect();
+    words.join(". ")
 }
 
 /// Writes the masks of a sequence; skipped, with a note, if frames and source are unchanged.
@@ -194,13 +218,6 @@ fn find(
         }
         MaskSource::Method(id) => {
             let method = find_method(id, folder)?;
-            if sequence.is_pinhole() && !method.takes_perspective {
-                let reason = format!(
-                    "is of a pinhole, and {id} looks at whole spheres; masks of any other program can \
-                     be given as files"
-                );
-                return Err(CurateError::input(&folder.join(SEQUENCE_FILE), reason));
-            }
             Ok(MaskSet {
                 frames: (method.find)(folder, sequence, progress)?,
                 notes: Vec::new(),
@@ -304,7 +321,29 @@ pub fn dynamic_share(mask: &Mask) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use omnilife_schemas::{Classified, ErrorKind};
+
     use super::*;
+
+    #[test]
+    fn without_a_reliable_method_one_has_to_be_named() {
+        match require_default_method(Path::new("seq-000")) {
+            Ok(method) => assert!(reliability::of(method.id, Target::Moving).reaches_bar),
+            Err(error) => {
+                assert_eq!(error.error_kind(), ErrorKind::User);
+                let line = error.to_string();
+                assert!(
+                    line.starts_with("seq-000: ") && line.contains("--method"),
+                    "{line}"
+                );
+                assert!(!line.contains('\n'), "{line}");
+                for method in METHODS {
+                    let score = reliability::of(method.id, Target::Moving).text;
+                    assert!(line.contains(&format!("{}: {score}", method.id)), "{line}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn what_the_camera_carries_does_not_move() {

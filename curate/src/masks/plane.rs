@@ -59,6 +59,8 @@ impl Plane {
 }
 
 impl ComparableFrame for Plane {
+    const IS_SPHERE: bool = false;
+
     fn read(folder: &Path, sequence: &Sequence, index: usize) -> Result<Self, CurateError> {
         let path = folder.join(&sequence.frames.entries[index].file);
         Ok(Self::new(&RgbImage::read(&path)?))
@@ -73,6 +75,10 @@ impl ComparableFrame for Plane {
         let misfit = misfits.reduce(|a, b| Ok(a?.smaller(&b?)));
         let stands = shift.iter().all(|at| at.abs() <= STANDS_PIXELS);
         Ok((misfit.unwrap_or_else(|| Ok(this.clone()))?, stands))
+    }
+
+    fn grey(&self) -> Field {
+        self.0[0].clone()
     }
 }
 

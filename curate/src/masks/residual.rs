@@ -1,18 +1,19 @@
 //! Moving content: pixels that no static scene explains.
 //!
-//! The motion of the camera between a frame and others a little before and after it is estimated first (`motion`). It
-//! leaves each point of a static scene one unknown, its distance, and so one arc along which it can have gone. The
-//! frame's images are compared with those along the arc, at all distances ("plane sweep", Collins, "A space-sweep
-//! approach to true multi-image matching", 1996). Content moves if even the best one does not fit, before and after.
-//! Occlusion in one of the two does not count as motion, and neither do thin structures or repeated patterns: they fit
-//! somewhere.
+//! While the camera stands, views before and after are compared as they are (`still`). Otherwise the motion of the
+//! camera between a frame and others a little before and after it is estimated first (`motion`). It leaves each point of
+//! a static scene one unknown, its distance, and so one arc along which it can have gone. The frame's images are
+//! compared with those along the arc, at all distances ("plane sweep", Collins, "A space-sweep approach to true
+//! multi-image matching", 1996). Content moves if even the best one does not fit, before and after. Occlusion in one of
+//! the two does not count as motion, and neither do thin structures or repeated patterns: they fit somewhere.
+//! Perspective frames have no arcs: they are compared after a shift of the whole image.
 //!
 //! Content that moves along its own arc like a static point at another distance is not detected. An example is a person
 //! at eye level who walks in the same plane as the camera. Approach and moving limbs give them away, but take time to
 //! show: the compared frames are at least a fifth of a second apart. The method needs no weights and knows no classes;
 //! masks of a segmentation network are better.
 
-use std::path::Path;
+use std::{f32::consts::TAU, path::Path};
 
 use glam::{Quat, Vec3};
 use omnilife_schemas::{
@@ -24,10 +25,16 @@ use omnilife_schemas::{
 };
 use rayon::prelude::*;
 
-use super::{FrameMasks, MaskMethod, field::Field};
+use super::{
+    FrameMasks, MaskMethod,
+    changes::{Changes, ComparableFrame},
+    field::Field,
+    plane::Plane,
+    still::{self, StillViews},
+};
 use crate::{
     error::CurateError,
-    motion::{CameraMotion, GreySphere, camera_motion},
+    motion::{CameraMotion, GreySphere},
 };
 
 /// The method.
@@ -35,7 +42,6 @@ pub const METHOD: MaskMethod = MaskMethod {
     id: "residual",
     about: "what a still scene at no distance explains; no weights needed",
     settings,
-    takes_perspective: false,
     find,
 };
 
@@ -55,13 +61,14 @@ const EXTENT_RADIANS: f32 = 0.055;
 const NOISE: f32 = 0.01;
 /// ... and as the slope of the image times this many pixels.
 const MISPLACED_PIXELS: f32 = 0.3;
-/// Factor over the sphere's median misfit from which on content moves.
+/// Factor over the median misfit from which on content moves.
 const OVER_MEDIAN: f32 = 2.5;
 
 fn settings() -> String {
     format!(
-        "{IMAGE_WIDTH} px, {LEAST_GAP_SECONDS} s before and after, squares of {} px, {OVER_MEDIAN} \
-         times the median over {EXTENT_RADIANS} radians",
+        "{IMAGE_WIDTH} px; {}; another one: {LEAST_GAP_SECONDS} s before and after, squares of {} px, \
+         {OVER_MEDIAN} times the median over {EXTENT_RADIANS} radians",
+        still::settings(),
         2 * REACH_PIXELS + 1
     )
 }
@@ -71,37 +78,40 @@ fn find(
     sequence: &Sequence,
     progress: &dyn Progress,
 ) -> Result<Vec<FrameMasks>, CurateError> {
-    let entries = &sequence.frames.entries;
-    if entries.len() < 2 {
+    if sequence.frames.entries.len() < 2 {
         return Err(CurateError::input(
             folder,
             "has a single frame, so nothing shows motion",
         ));
     }
-    let times: Vec<f64> = entries.iter().map(|entry| entry.time_seconds).collect();
-    let size = (
-        sequence.frames.width as usize,
-        sequence.frames.height as usize,
-    );
-    progress.begin("motion masks", Some(entries.len() as u64));
-    let mut held = Images::new(folder, sequence);
-    let masks = (0..entries.len())
-        .map(|index| {
-            let others = compared_with(&times, index);
-            held.load(index)?;
-            for &other in &others {
-                held.load(other)?;
-            }
-            let others: Vec<&GreySphere> = others.iter().filter_map(|&i| held.get(i)).collect();
-            let mask = held.get(index).map(|this| moving(this, &others));
-            let mask = mask.ok_or_else(|| CurateError::internal(folder, "a frame is gone"))?;
-            let mask = mask.map_err(|error| CurateError::internal(folder, error))?;
-            held.forget_before(&times, index);
-            progress.advance(1);
-            let mask = mask.resized_to_nearest(size.0, size.1);
-            Ok(FrameMasks::from(mask))
-        })
-        .collect();
+    match sequence.is_pinhole() {
+        true => find_in::<Plane>(folder, sequence, progress),
+        false => find_in::<GreySphere>(folder, sequence, progress),
+    }
+}
+
+fn find_in<I: ComparableFrame>(
+    folder: &Path,
+    sequence: &Sequence,
+    progress: &dyn Progress,
+) -> Result<Vec<FrameMasks>, CurateError> {
+    let frames = &sequence.frames;
+    let (width, height) = (frames.width as usize, frames.height as usize);
+    progress.begin("motion masks", Some(frames.entries.len() as u64));
+    let mut still = StillViews::<I>::new(folder, sequence);
+    let mut changes = Changes::<I>::new(folder, sequence);
+    let masks = (0..frames.entries.len()).map(|index| {
+        let mask = if let Some(mask) = still.of_frame(index)? {
+            mask
+        } else {
+            let (grey, misfit) = changes.misfit(index)?;
+            let mask = unexplained(&grey, &misfit, I::IS_SPHERE);
+            mask.map_err(|error| CurateError::internal(folder, error))?
+        };
+        progress.advance(1);
+        Ok(FrameMasks::from(mask.resized_to_nearest(width, height)))
+    });
+    let masks = masks.collect();
     progress.end();
     masks
 }
@@ -124,43 +134,6 @@ pub(super) fn around(times: &[f64], index: usize, gap_seconds: f64) -> Vec<usize
     before.into_iter().chain(after).collect()
 }
 
-/// Images of the frames that are being compared.
-struct Images<'a> {
-    folder: &'a Path,
-    sequence: &'a Sequence,
-    held: Vec<Option<GreySphere>>,
-}
-
-impl<'a> Images<'a> {
-    fn new(folder: &'a Path, sequence: &'a Sequence) -> Self {
-        Self {
-            folder,
-            sequence,
-            held: vec![None; sequence.frames.entries.len()],
-        }
-    }
-
-    fn load(&mut self, index: usize) -> Result<(), CurateError> {
-        if self.held[index].is_none() {
-            self.held[index] = Some(compared_image(self.folder, self.sequence, index)?);
-        }
-        Ok(())
-    }
-
-    fn get(&self, index: usize) -> Option<&GreySphere> {
-        self.held[index].as_ref()
-    }
-
-    /// Drops images that no later frame is compared with.
-    fn forget_before(&mut self, times: &[f64], index: usize) {
-        let next = (index + 1).min(times.len() - 1);
-        let oldest = compared_with(times, next).into_iter().min().unwrap_or(next);
-        for held in &mut self.held[..oldest.min(index)] {
-            *held = None;
-        }
-    }
-}
-
 /// Reads a frame as it is compared: grey, at most [`IMAGE_WIDTH`] pixels wide, smoothed.
 pub(super) fn compared_image(
     folder: &Path,
@@ -179,7 +152,8 @@ fn smoothed(sphere: &GreySphere) -> opencv::Result<GreySphere> {
     Ok(GreySphere::of_luma(sphere.width(0), smooth.values))
 }
 
-fn luma(sphere: &GreySphere) -> Field {
+/// Returns the grey values of a panorama, of [0, 1].
+pub(super) fn luma(sphere: &GreySphere) -> Field {
     Field {
         width: sphere.width(0),
         height: sphere.width(0) / 2,
@@ -187,28 +161,24 @@ fn luma(sphere: &GreySphere) -> Field {
     }
 }
 
-/// Marks moving content in an image, compared with others of the same scene.
-fn moving(this: &GreySphere, others: &[&GreySphere]) -> opencv::Result<Mask> {
-    let directions = directions(this.width(0));
-    let misfit = others
-        .iter()
-        .map(|other| still_misfit(this, other, &camera_motion(this, other), &directions))
-        .reduce(|a, b| Ok(a?.smaller(&b?)));
-    let (width, height) = (this.width(0), this.width(0) / 2);
-    let Some(misfit) = misfit.transpose()? else {
-        return Ok(Mask::new(width, height, vec![0; width * height]));
-    };
-    let extent = EXTENT_RADIANS / this.pixel_radians(0);
-    let slopes = luma(this).slopes().blurred(extent)?;
+/// Marks misfit that stands out against the slopes of the image and the median of all. A perspective frame is taken as
+/// wide as a whole turn.
+fn unexplained(grey: &Field, misfit: &Field, is_sphere: bool) -> opencv::Result<Mask> {
+    let extent = EXTENT_RADIANS * grey.width as f32 / TAU;
+    let slopes = grey.slopes().blurred(extent)?;
     let mut ratio = misfit.blurred(extent)?;
     for (value, slope) in ratio.values.iter_mut().zip(&slopes.values) {
         *value /= NOISE + MISPLACED_PIXELS * slope;
     }
-    let limit = OVER_MEDIAN * ratio.median_on_sphere();
-    let mark = |&value: &f32| if value > limit { 255 } else { 0 };
+    let median = if is_sphere {
+        ratio.median_on_sphere()
+    } else {
+        ratio.median(|_| 1.0)
+    };
+    let mark = |&value: &f32| 255 * u8::from(value > OVER_MEDIAN * median);
     Ok(Mask::new(
-        width,
-        height,
+        ratio.width,
+        ratio.height,
         ratio.values.iter().map(mark).collect(),
     ))
 }

@@ -11,7 +11,7 @@ const POSES_WITH_MASKS: &str = "curate poses SEQUENCE --masks SEQUENCE/dynamic-m
 const POSES_WITH_POINTS: &str = "curate poses SEQUENCE --poses COLMAP";
 const ATTACH_POSES: &str = "curate attach SEQUENCE --poses POSES";
 const DENSE: &str = "curate dense SEQUENCE";
-const MASKS: &str = "curate masks SEQUENCE";
+const MASKS: &str = "curate masks SEQUENCE --method residual";
 const MASKS_FROM_FILES: &str = "curate masks SEQUENCE --from MASKS";
 const ATTACH_MASKS: &str = "curate attach SEQUENCE --masks MASKS";
 const POSES_WITH_IGNORED: &str = "curate poses SEQUENCE --ignore-mask MASK";
@@ -118,7 +118,7 @@ mod tests {
         let sequence = "videos/a/seq-000";
         assert_eq!(
             line(MASKS, ".", sequence),
-            "omnilife curate masks videos/a/seq-000"
+            "omnilife curate masks videos/a/seq-000 --method residual"
         );
         assert_eq!(
             line(ANNOTATE, "sets/one/", sequence),

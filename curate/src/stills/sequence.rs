@@ -107,6 +107,7 @@ pub(crate) fn curate(
     let admission = Admission {
         profile: STILLS.to_owned(),
         checks: Vec::new(),
+        reported: Vec::new(),
         admitted: true,
         enforced: false,
     };

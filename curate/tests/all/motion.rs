@@ -16,7 +16,7 @@ use omnilife_schemas::{
     camera::{CameraModel, ErpCamera},
     layout::DYNAMIC_MASKS_FOLDER,
     progress::Silent,
-    records::{FrameEntry, OperatorFinding, Sequence},
+    records::{FrameEntry, OperatorFinding, Sequence, VideoProjection},
     rgb::Mask,
     store,
 };
@@ -234,6 +234,51 @@ fn motion_masks_mark_what_moves() {
             precision > 4.0 * base,
             "{name}: {precision} of what is marked, {base} of all"
         );
+    }
+}
+
+/// A white square moves by 4 columns in 0.2 s before a texture, in panoramas and in perspective frames.
+#[test]
+fn motion_masks_mark_what_passes_a_camera_that_stands() {
+    const SIZE: [usize; 2] = [256, 128];
+    let is_in = |index: usize, pixel: usize| {
+        let left = 40 + 4 * index;
+        let (x, y) = (pixel % SIZE[0], pixel / SIZE[0]);
+        (left..left + 20).contains(&x) && (54..74).contains(&y)
+    };
+    for projection in [VideoProjection::Erp, VideoProjection::Rectilinear] {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(folder.path().join("frames")).unwrap();
+        let entries = (0..21).map(|index| {
+            let mut image = RgbImage::black(SIZE[0], SIZE[1]);
+            for (pixel, value) in image.data.chunks_exact_mut(3).enumerate() {
+                let (x, y) = ((pixel % SIZE[0]) as f32, (pixel / SIZE[0]) as f32);
+                let texture = 0.4 + 0.15 * (x * 1.3).sin() * (y * 1.1).cos();
+                value.fill(if is_in(index, pixel) { 1.0 } else { texture });
+            }
+            let file = format!("frames/{index:04}.png");
+            image.write_png(&folder.path().join(&file)).unwrap();
+            FrameEntry {
+                file,
+                time_seconds: 0.2 * index as f64,
+                capture: None,
+            }
+        });
+        let entries: Vec<FrameEntry> = entries.collect();
+        let mut sequence = Sequence::of_panoramas("made/seq-000", [256, 128], entries);
+        sequence.projection.projection = projection;
+        store::write_record(&folder.path().join("sequence.json"), &sequence).unwrap();
+        let source = MaskSource::Method("residual".to_owned());
+        let record = masks::write_masks(folder.path(), &source, &Silent).unwrap();
+        let file = &record.frames[10].file;
+        let mask = Mask::read(&folder.path().join(DYNAMIC_MASKS_FOLDER).join(file)).unwrap();
+        let (mut shared, mut union) = (0, 0);
+        for (pixel, &mark) in mask.data.iter().enumerate() {
+            shared += usize::from(mark != 0 && is_in(10, pixel));
+            union += usize::from(mark != 0 || is_in(10, pixel));
+        }
+        let iou = shared as f64 / union as f64;
+        assert!(iou > 0.6, "{projection:?}: {iou}");
     }
 }
 

@@ -51,6 +51,7 @@ impl Sequence {
             admission: Admission {
                 profile: "none".to_owned(),
                 checks: Vec::new(),
+                reported: Vec::new(),
                 admitted: true,
                 enforced: false,
             },
@@ -323,11 +324,14 @@ pub struct Evidence {
 pub struct Admission {
     /// Name of the profile, `omnilife360` or `none`.
     pub profile: String,
-    /// Every check's outcome.
+    /// Outcomes of the checks that decide on the admission.
     pub checks: Vec<CheckOutcome>,
-    /// `true` if all checks passed.
+    /// Outcomes of checks that decide nothing, because their detector is below its bar on labelled footage.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub reported: Vec<CheckOutcome>,
+    /// `true` if all of `checks` passed.
     pub admitted: bool,
-    /// `true` if a failed check rejects the video.
+    /// `true` if a failed one of `checks` rejects the video.
     pub enforced: bool,
 }
 

@@ -247,7 +247,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                 let folder = attempt.hostile.sequence(name, "sequence.json", |record| {
                     set_all(record, "width", width);
                 });
-                attempt.ends(&format!("curate masks {folder}"), &[2]);
+                attempt.ends(&format!("curate masks {folder} --method residual"), &[2]);
             }
         },
     },

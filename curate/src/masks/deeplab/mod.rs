@@ -24,7 +24,6 @@ pub const METHOD: MaskMethod = MaskMethod {
     id: "deeplab",
     about: "people, animals and vehicles, by a segmentation network (scripts/setup --models)",
     settings,
-    takes_perspective: true,
     find,
 };
 
