@@ -112,7 +112,7 @@ fn a_caption_over_a_still_scene_is_found() {
     assert_near(all[0].longitude_degrees, -11.25, 3.0);
 }
 
-/// What a camera carries stays for a shot of a second too, but a sign stays for a longer one.
+/// A camera's own mount stays for a shot of a second too, but a sign stays for a longer one.
 #[test]
 fn what_begins_and_ends_with_its_shot_must_last() {
     for (frames, class) in [(9, None), (14, Some(OverlayClass::Watermark))] {

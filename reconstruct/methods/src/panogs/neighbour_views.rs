@@ -81,7 +81,7 @@ fn near_shares(samples: &Samples, members: &[usize]) -> Vec<f64> {
     let looked_at = || members.iter().step_by(step);
     for &member in looked_at() {
         let place = Vec3::from_array(samples.gaussians.positions[member]);
-        let own = samples.view_of.get(member).map(|&view| usize::from(view));
+        let own = samples.view_of.get(member).map(|&view| view as usize);
         let own = own.map(|own| (own, place.distance(views[own].view.centre)));
         for (number, (view, projector)) in views.iter().zip(&projectors).enumerate() {
             let is_near = own.is_none_or(|(own, own_distance)| {

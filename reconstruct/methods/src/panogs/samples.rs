@@ -40,7 +40,7 @@ pub(super) struct Samples {
     pub(super) views: Vec<SourceView>,
     pub(super) gaussians: InitialGaussians,
     /// The view of each sample; samples of the sky have no view and are at the end.
-    pub(super) view_of: Vec<u16>,
+    pub(super) view_of: Vec<u32>,
     /// Settings of their shapes.
     pub(super) shape: LiftSettings,
     /// Median radius of a sample, normalized units.
@@ -132,7 +132,7 @@ impl Samples {
         let mut view_of = Vec::new();
         let mut all = SurfaceSamples::default();
         for (number, of_view) in chosen.lifted.into_iter().enumerate() {
-            view_of.extend(std::iter::repeat_n(number as u16, of_view.len()));
+            view_of.extend(std::iter::repeat_n(number as u32, of_view.len()));
             all.append(of_view);
         }
         warnings.push(summary(&all.counts, all.len()));
