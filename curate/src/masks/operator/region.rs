@@ -1,7 +1,8 @@
 //! Region of what is carried, from the evidence of single pixels.
 //!
 //! Evidence lies on outlines: skin, cloth and plastic inside of them look alike. What carries the camera stands below it,
-//! so that the region goes from the upper outline down.
+//! so that the region goes from the upper outline down. What shows in most directions below, such as a car or a head,
+//! surrounds the nadir, and its outline goes on between its parts.
 
 use omnilife_schemas::{camera::ErpCamera, rgb::Mask};
 
@@ -14,6 +15,8 @@ const TOP_DEGREES: f64 = -15.0;
 const LOWEST_TOP_DEGREES: f64 = -65.0;
 /// The region ends here, degrees: a stand is narrow, and the floor below it shows. Set on one clip.
 const BOTTOM_DEGREES: f64 = -78.0;
+/// Least share of the columns of a region that surrounds the nadir, and goes down to it.
+const LEAST_AROUND: f64 = 0.5;
 /// Pixels of evidence that are so far apart belong together.
 const NEAR_PIXELS: usize = 1;
 /// Regions with a smaller share of the evidence of the best one are left out.
@@ -25,12 +28,13 @@ const SMOOTHING_PIXELS: usize = 3;
 pub(super) struct Region {
     /// Its pixels, at the size of the evidence.
     pub(super) mask: Mask,
-    /// Evidence of its strongest part: grey levels of 255 times steradians.
+    /// Evidence of its strongest part without slow shades: grey levels of 255 times steradians.
     pub(super) evidence: f64,
 }
 
-/// Finds the region of what is carried; `None` without any evidence.
-pub(super) fn find(stays: &Field) -> opencv::Result<Option<Region>> {
+/// Finds the region of what is carried by the evidence, and judges its strongest part by the evidence without slow
+/// shades; `None` without any evidence.
+pub(super) fn find(stays: &Field, sharp: &Field) -> opencv::Result<Option<Region>> {
     let (width, height) = (stays.width, stays.height);
     let camera = ErpCamera::new(width as u32, height as u32);
     let row_at = |degrees: f64| ((0.5 - degrees / 180.0) * height as f64) as usize;
@@ -42,55 +46,78 @@ pub(super) fn find(stays: &Field) -> opencv::Result<Option<Region>> {
         .iter()
         .map(|&value| value != 0)
         .collect();
-    let evidence = |region: &[usize]| -> f64 {
+    let evidence = |region: &[usize], of: &Field| -> f64 {
         let seeds = region.iter().filter(|&&pixel| is_seed(pixel));
         let weighted = seeds.map(|&pixel| {
             let row = (pixel / width) as u32;
-            255.0 * f64::from(stays.values[pixel]) * camera.pixel_solid_angle(row)
+            255.0 * f64::from(of.values[pixel]) * camera.pixel_solid_angle(row)
         });
         weighted.sum()
     };
     let regions = vote::regions(&near, width, true);
     let regions: Vec<(f64, Vec<usize>)> = regions
         .into_iter()
-        .map(|region| (evidence(&region), region))
+        .map(|region| (evidence(&region, stays), region))
         .collect();
-    let most = regions.iter().map(|(found, _)| *found).fold(0.0, f64::max);
-    if most == 0.0 {
+    let strongest = regions.iter().max_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((most, strongest)) = strongest.filter(|(found, _)| *found > 0.0) else {
         return Ok(None);
-    }
-    let mut data = vec![0; width * height];
-    for (_, region) in regions
+    };
+    let clear = evidence(strongest, sharp);
+    let strong = regions
         .iter()
-        .filter(|(found, _)| *found >= LEAST_SHARE * most)
-    {
-        let mut tops = vec![height; width];
+        .filter(|(found, _)| *found >= LEAST_SHARE * most);
+    let mut tops: Vec<Option<usize>> = vec![None; width];
+    for (_, region) in strong {
         for &pixel in region.iter().filter(|&&pixel| is_seed(pixel)) {
-            let top = &mut tops[pixel % width];
-            *top = (*top).min(pixel / width);
-        }
-        for (column, top) in tops.into_iter().enumerate() {
-            if top < row_at(LOWEST_TOP_DEGREES) {
-                for row in top..row_at(BOTTOM_DEGREES) {
-                    data[row * width + column] = 255;
-                }
+            let (column, row) = (pixel % width, pixel / width);
+            if row < row_at(LOWEST_TOP_DEGREES) {
+                let top = tops[column].map_or(row, |top| top.min(row));
+                tops[column] = Some(top);
             }
         }
     }
+    let surrounds = tops.iter().flatten().count() as f64 >= LEAST_AROUND * width as f64;
+    let (tops, bottom) = match surrounds {
+        true => (joined_around(&tops), height),
+        false => (tops, row_at(BOTTOM_DEGREES)),
+    };
+    let mut data = vec![0; width * height];
+    for (column, top) in tops.into_iter().enumerate() {
+        for row in top.unwrap_or(bottom)..bottom {
+            data[row * width + column] = 255;
+        }
+    }
     Ok(Some(Region {
-        mask: Mask::new(width, height, smoothed(&data, width)?),
-        evidence: most,
+        mask: Mask::new(width, height, smoothed(&data, width, SMOOTHING_PIXELS)?),
+        evidence: clear,
     }))
 }
 
-/// Closes gaps, then removes spikes.
-fn smoothed(marks: &[u8], width: usize) -> opencv::Result<Vec<u8>> {
+/// Fills the gaps of an outline around the sphere by straight lines between the columns beside them.
+fn joined_around(tops: &[Option<usize>]) -> Vec<Option<usize>> {
+    let width = tops.len();
+    let beside = |column: usize, step: usize| {
+        let column_at = |distance: usize| (column + distance * step) % width;
+        let top_at = |distance: usize| Some((distance as f64, tops[column_at(distance)]? as f64));
+        (0..width).find_map(top_at)
+    };
+    let filled = |column: usize| {
+        let (left, right) = (beside(column, width - 1)?, beside(column, 1)?);
+        let share = left.0 / (left.0 + right.0).max(1.0);
+        Some((left.1 + share * (right.1 - left.1)) as usize)
+    };
+    (0..width).map(filled).collect()
+}
+
+/// Closes gaps up to twice as wide as this reach, pixels, then removes spikes.
+pub(super) fn smoothed(marks: &[u8], width: usize, reach: usize) -> opencv::Result<Vec<u8>> {
     let inverted = |marks: Vec<u8>| -> Vec<u8> { marks.into_iter().map(|value| !value).collect() };
     let shrunk = |marks: Vec<u8>| -> opencv::Result<Vec<u8>> {
-        Ok(inverted(grown(&inverted(marks), width, SMOOTHING_PIXELS)?))
+        Ok(inverted(grown(&inverted(marks), width, reach)?))
     };
-    let closed = shrunk(grown(marks, width, SMOOTHING_PIXELS)?)?;
-    grown(&shrunk(closed)?, width, SMOOTHING_PIXELS)
+    let closed = shrunk(grown(marks, width, reach)?)?;
+    grown(&shrunk(closed)?, width, reach)
 }
 
 #[cfg(test)]
@@ -117,9 +144,14 @@ mod tests {
 
     #[test]
     fn a_body_goes_from_its_upper_outline_down() {
-        let region = find(&evidence(0.0, 0.01))
-            .expect("filtered")
-            .expect("a region");
+        let evidence = evidence(0.0, 0.01);
+        let mut sharp = evidence.clone();
+        sharp.values[40 * WIDTH] = 0.0;
+        let found = |sharp: &Field| find(&evidence, sharp).expect("filtered").expect("a region");
+        let region = found(&sharp);
+        let all = found(&evidence);
+        assert!((region.evidence / all.evidence - 23.0 / 24.0).abs() < 1e-6);
+        assert_eq!(region.mask, all.mask);
         let at = |column: usize, row: usize| region.mask.data[row * WIDTH + column];
         assert!(region.evidence > 0.0);
         assert_eq!([at(0, 50), at(WIDTH - 1, 50), at(10, 41)], [255; 3]);
@@ -130,11 +162,53 @@ mod tests {
     }
 
     #[test]
+    fn what_surrounds_the_nadir_goes_down_to_it_and_on_over_gaps() {
+        let of_columns = |count: usize| {
+            let mut values = vec![0.0; WIDTH * HEIGHT];
+            for column in 0..count {
+                values[(40 + column / 50) * WIDTH + column] = 0.2;
+            }
+            let field = Field {
+                width: WIDTH,
+                height: HEIGHT,
+                values,
+            };
+            find(&field, &field)
+                .expect("filtered")
+                .expect("a region")
+                .mask
+                .data
+        };
+        let lowest = |data: &[u8], column: usize| data[(HEIGHT - 1) * WIDTH + column];
+        let around = of_columns(100);
+        assert_eq!([lowest(&around, 20), lowest(&around, 114)], [255; 2]);
+        // Between the rows 41 and 40, on both sides of the gap.
+        assert_eq!(
+            [around[45 * WIDTH + 114], around[37 * WIDTH + 114]],
+            [255, 0]
+        );
+        let beside = of_columns(50);
+        assert_eq!([lowest(&beside, 20), beside[45 * WIDTH + 20]], [0, 255]);
+        assert_eq!(beside[45 * WIDTH + 114], 0);
+    }
+
+    #[test]
+    fn gaps_of_an_outline_are_bridged_by_straight_lines_across_the_seam() {
+        let mut tops = vec![None; 8];
+        tops[2] = Some(10);
+        tops[6] = Some(20);
+        let joined = joined_around(&tops);
+        let expected: [Option<usize>; 8] = [15, 12, 10, 12, 15, 17, 20, 17].map(Some);
+        assert_eq!(joined, expected);
+        assert!(joined_around(&[None; 2]).iter().all(Option::is_none));
+    }
+
+    #[test]
     fn the_sky_carries_no_camera() {
         let mut above = evidence(0.5, 0.0);
         for value in &mut above.values[40 * WIDTH..] {
             *value = 0.0;
         }
-        assert!(find(&above).expect("filtered").is_none());
+        assert!(find(&above, &above).expect("filtered").is_none());
     }
 }
