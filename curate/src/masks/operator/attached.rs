@@ -10,7 +10,7 @@ use super::{
     super::{field::Field, vote},
     evidence::WIDTH,
     people::{self, Seen},
-    region::smoothed,
+    region::{closed, smoothed},
 };
 use crate::opencv_images::grown;
 
@@ -26,8 +26,10 @@ const NEAR_ROWS: usize = 2;
 const AVERAGED_PIXELS: usize = 1;
 /// Content farther than this from people is not theirs, pixels: 39 degrees.
 const REACH_PIXELS: usize = 28;
-/// Gaps and spikes up to twice as wide are smoothed away, pixels.
+/// Gaps and spikes up to twice as wide are smoothed away in frames, pixels.
 const SMOOTHING_PIXELS: usize = 1;
+/// Gaps up to twice as wide are closed in the mask of all frames, pixels.
+const CLOSED_PIXELS: usize = 3;
 /// Least share of the frames in which a pixel is joined to people.
 const LEAST_SHARE: f64 = 0.4;
 
@@ -49,9 +51,9 @@ pub(super) fn grown_from(core: &Mask, seen: &[Seen]) -> opencv::Result<Mask> {
     let joined: Vec<&[u8]> = joined.iter().map(Vec::as_slice).collect();
     let often = people::marked_in(&joined, LEAST_SHARE);
     let marks: Vec<u8> = often.iter().map(|&often| 255 * u8::from(often)).collect();
-    let smooth = smoothed(&marks, WIDTH, SMOOTHING_PIXELS)?;
-    let all = Mask::new(WIDTH, WIDTH / 2, smooth).united(core);
-    Ok(without_holes(all))
+    let all = Mask::new(WIDTH, WIDTH / 2, marks).united(core);
+    let data = closed(&all.data, WIDTH, CLOSED_PIXELS)?;
+    Ok(without_holes(Mask { data, ..all }))
 }
 
 /// Marks everything but the largest part of the sphere that a mask leaves free: what people surround is theirs.

@@ -13,12 +13,9 @@ use omnilife_schemas::{
     rgb::Mask,
 };
 
-use super::LEAST_PAIRS;
+use super::{DOUBTFUL, FOUND, LEAST_PAIRS};
 use crate::motion::GreySphere;
 
-/// Evidence from which a mount is found, and from which a person is asked: grey levels of 255 times steradians.
-const FOUND: f64 = 1.5;
-const DOUBTFUL: f64 = 0.75;
 /// Noise of differences, and least difference of what changes, of grey values of [0, 1].
 const NOISE: f32 = 1.0 / 255.0;
 const LEAST_CHANGE: f32 = 6.0 / 255.0;

@@ -41,10 +41,10 @@ const MOST_PAIRS: usize = 24;
 /// Minimum number of pairs for a finding.
 const LEAST_PAIRS: usize = 4;
 /// Evidence from which a region is entered, and from which a person is asked: grey levels of 255 times steradians. An
-/// operator with a helmet has 1.4 in a model of this search (`scripts/calibrate/operators.py`); of scenes without an
-/// operator the strongest region has 0.3.
-const FOUND: f64 = 0.75;
-const DOUBTFUL: f64 = 0.4;
+/// operator with a helmet has 2.6 in a model of this search (`scripts/calibrate/operators.py`); of scenes without an
+/// operator the strongest region has 0.5.
+const FOUND: f64 = 1.5;
+const DOUBTFUL: f64 = 0.75;
 /// Least share of the sphere that people have who carry the camera.
 const LEAST_PEOPLE: f64 = 1e-3;
 

@@ -19,6 +19,8 @@ const BOTTOM_DEGREES: f64 = -78.0;
 const LEAST_AROUND: f64 = 0.5;
 /// Pixels of evidence that are so far apart belong together.
 const NEAR_PIXELS: usize = 1;
+/// Outlines have this many times the evidence that they have without slow shades, or less. Even floors have more.
+const SHARP_SCALE: f64 = 4.0;
 /// Regions with a smaller share of the evidence of the best one are left out.
 const LEAST_SHARE: f64 = 0.3;
 /// Gaps and spikes up to twice as wide are smoothed away, pixels.
@@ -28,12 +30,12 @@ const SMOOTHING_PIXELS: usize = 3;
 pub(super) struct Region {
     /// Its pixels, at the size of the evidence.
     pub(super) mask: Mask,
-    /// Evidence of its strongest part without slow shades: grey levels of 255 times steradians.
+    /// Evidence of its strongest part, at most [`SHARP_SCALE`] times that without slow shades: grey levels of 255 times
+    /// steradians.
     pub(super) evidence: f64,
 }
 
-/// Finds the region of what is carried by the evidence, and judges its strongest part by the evidence without slow
-/// shades; `None` without any evidence.
+/// Finds the region of what is carried from the evidence, and that without slow shades; `None` without any evidence.
 pub(super) fn find(stays: &Field, sharp: &Field) -> opencv::Result<Option<Region>> {
     let (width, height) = (stays.width, stays.height);
     let camera = ErpCamera::new(width as u32, height as u32);
@@ -63,7 +65,7 @@ pub(super) fn find(stays: &Field, sharp: &Field) -> opencv::Result<Option<Region
     let Some((most, strongest)) = strongest.filter(|(found, _)| *found > 0.0) else {
         return Ok(None);
     };
-    let clear = evidence(strongest, sharp);
+    let of_outlines = SHARP_SCALE * evidence(strongest, sharp);
     let strong = regions
         .iter()
         .filter(|(found, _)| *found >= LEAST_SHARE * most);
@@ -90,7 +92,7 @@ pub(super) fn find(stays: &Field, sharp: &Field) -> opencv::Result<Option<Region
     }
     Ok(Some(Region {
         mask: Mask::new(width, height, smoothed(&data, width, SMOOTHING_PIXELS)?),
-        evidence: clear,
+        evidence: f64::min(*most, of_outlines),
     }))
 }
 
@@ -112,12 +114,20 @@ fn joined_around(tops: &[Option<usize>]) -> Vec<Option<usize>> {
 
 /// Closes gaps up to twice as wide as this reach, pixels, then removes spikes.
 pub(super) fn smoothed(marks: &[u8], width: usize, reach: usize) -> opencv::Result<Vec<u8>> {
-    let inverted = |marks: Vec<u8>| -> Vec<u8> { marks.into_iter().map(|value| !value).collect() };
-    let shrunk = |marks: Vec<u8>| -> opencv::Result<Vec<u8>> {
-        Ok(inverted(grown(&inverted(marks), width, reach)?))
-    };
-    let closed = shrunk(grown(marks, width, reach)?)?;
-    grown(&shrunk(closed)?, width, reach)
+    let closed = closed(marks, width, reach)?;
+    grown(&shrunk(closed, width, reach)?, width, reach)
+}
+
+/// Closes gaps up to twice as wide as this reach, pixels.
+pub(super) fn closed(marks: &[u8], width: usize, reach: usize) -> opencv::Result<Vec<u8>> {
+    shrunk(grown(marks, width, reach)?, width, reach)
+}
+
+fn shrunk(mut marks: Vec<u8>, width: usize, reach: usize) -> opencv::Result<Vec<u8>> {
+    marks.iter_mut().for_each(|value| *value = !*value);
+    let mut free = grown(&marks, width, reach)?;
+    free.iter_mut().for_each(|value| *value = !*value);
+    Ok(free)
 }
 
 #[cfg(test)]
@@ -145,12 +155,15 @@ mod tests {
     #[test]
     fn a_body_goes_from_its_upper_outline_down() {
         let evidence = evidence(0.0, 0.01);
-        let mut sharp = evidence.clone();
-        sharp.values[40 * WIDTH] = 0.0;
-        let found = |sharp: &Field| find(&evidence, sharp).expect("filtered").expect("a region");
-        let region = found(&sharp);
-        let all = found(&evidence);
-        assert!((region.evidence / all.evidence - 23.0 / 24.0).abs() < 1e-6);
+        let found = |share: f32| {
+            let mut sharp = evidence.clone();
+            sharp.values.iter_mut().for_each(|value| *value *= share);
+            find(&evidence, &sharp)
+                .expect("filtered")
+                .expect("a region")
+        };
+        let (region, all) = (found(0.125), found(1.0));
+        assert!((region.evidence / all.evidence - 0.5).abs() < 1e-6);
         assert_eq!(region.mask, all.mask);
         let at = |column: usize, row: usize| region.mask.data[row * WIDTH + column];
         assert!(region.evidence > 0.0);
