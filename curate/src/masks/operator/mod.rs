@@ -51,6 +51,9 @@ const LEAST_PEOPLE: f64 = 1e-3;
 /// Words on caps in records.
 const CAPS_UNMEASURED: &str = "; caps around the poles by limits that are not measured on labels";
 
+/// Words on people in records of searches that left them out.
+const NO_PEOPLE: &str = "; people were not looked for (curate operator --people)";
+
 /// Parts of the search that are made on request.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct OperatorSearch {
@@ -213,13 +216,11 @@ impl SearchResult {
     /// Judges where the scene goes by below the horizon alone, by people: a rock in a river keeps its place too.
     fn below(people: Option<Mask>, pairs: usize) -> Self {
         let judged = Self::of(None, people, pairs);
-        match judged.finding {
-            OperatorFinding::Found => judged,
-            _ => {
-                let reason = "the scene goes by below the horizon alone, where only people (--people) are judged";
-                Self::unjudged(reason.to_owned(), pairs)
-            }
+        if judged.finding == OperatorFinding::Found {
+            return judged;
         }
+        let reason = "the scene goes by below the horizon alone, where only people are judged";
+        Self::unjudged(reason.to_owned(), pairs)
     }
 
     /// Adds caps: those that are found to the mask, and doubtful ones as a question if nothing else was found. The
@@ -255,6 +256,14 @@ impl SearchResult {
         words.extend(others);
         self.reason = words.join("; ");
         self.caps = caps.into_iter().map(|cap| cap.record).collect();
+        self
+    }
+
+    /// Says that people were not looked for, if nothing is found.
+    fn with_advice(mut self, search: OperatorSearch) -> Self {
+        if !search.people && self.finding != OperatorFinding::Found {
+            self.reason += NO_PEOPLE;
+        }
         self
     }
 }
@@ -332,7 +341,7 @@ fn judge(
         }
         GoesBy::Below => SearchResult::below(people, pairs.len()),
     };
-    Ok(result.with_caps(caps))
+    Ok(result.with_caps(caps).with_advice(search))
 }
 
 /// Returns pairs of frames that are far enough apart, spread over the sequence.
@@ -412,6 +421,19 @@ mod tests {
         assert_eq!(below(people()), OperatorFinding::Found);
         assert_eq!(below(too_few()), OperatorFinding::Unjudged);
         assert_eq!(below(None), OperatorFinding::Unjudged);
+        let advised = |evidence: f64, people: bool| {
+            let search = OperatorSearch {
+                people,
+                caps: false,
+            };
+            let found = judged(evidence, None).with_advice(search);
+            found.reason.ends_with(NO_PEOPLE)
+        };
+        assert_eq!(
+            [advised(0.2, false), advised(1.0, false), advised(0.2, true)],
+            [true, true, false]
+        );
+        assert!(!advised(3.0, false));
     }
 
     #[test]
