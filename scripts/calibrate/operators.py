@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Compares evidence of operators, and people with what is joined to them, on clips with and without operators.
 
-    operators.py TUNNEL CITY STREET HALL
+    operators.py [--only outlines|people] TUNNEL CITY STREET HALL
 
 TUNNEL and CITY are equirectangular videos whose camera moves, the first with an operator, the second without one; STREET
 and HALL are folders of panoramas without an operator. Operators are painted over the others and over a painted sea,
@@ -234,10 +234,22 @@ def evidence(frames):
     axes = np.stack([np.sqrt(1 - y * y) * np.cos(turn), y, np.sqrt(1 - y * y) * np.sin(turn)], 1)[y >= 0]
     cost = lambda axis: (staying(change, along(few, axis), axis, 0.05) * AREA).sum()
     axis = min(axes, key=cost)
+    for step in (0.09, 0.045):
+        first = np.cross(axis, [0.3, 0.5, 0.8])
+        first /= np.linalg.norm(first)
+        second = np.cross(axis, first)
+        beside = [math.cos(k * math.pi / 3) * first + math.sin(k * math.pi / 3) * second for k in range(6)]
+        axis = min([axis, *(math.cos(step) * axis + math.sin(step) * way for way in beside)], key=cost)
     moved = along(images[::2], axis)
     sharp = images - blurred(images, 3.0)
     sharp = staying(over_time(sharp), along(sharp[::2], axis), axis, 0.35)
     return staying(change, moved, axis, 0.35), sharp, median_on_sphere(change / (moved + NOISE))
+
+
+def joined_around(marked, tops):
+    at = np.flatnonzero(marked)
+    around = np.concatenate([at - WIDTH, at, at + WIDTH])
+    return np.interp(np.arange(WIDTH), around, np.tile(tops[at], 3)).astype(int)
 
 
 def region(stays, sharp):
@@ -254,9 +266,7 @@ def region(stays, sharp):
     kept = seeds & (strength >= 0.3 * strength[strongest])[labels] & (ROWS < row_at(-65))
     marked, tops, bottom = kept.any(0), kept.argmax(0), row_at(-78)
     if marked.mean() >= 0.5:
-        at = np.flatnonzero(marked)
-        around = np.concatenate([at - WIDTH, at, at + WIDTH])
-        tops, bottom = np.interp(np.arange(WIDTH), around, np.tile(tops[at], 3)).astype(int), HEIGHT
+        tops, bottom = joined_around(marked, tops), HEIGHT
         marked = np.ones(WIDTH, bool)
     mask = smoothed(marked & (ROWS >= tops) & (ROWS < bottom), 3)
     return mask, strength[strongest], sums(sharp)[strongest]
@@ -297,13 +307,41 @@ def joined(frames, people, kept, unlike=2.5, reach=28, least_share=0.4):
     labels = labelled(~mask)
     areas = ndimage.sum_labels(AREA, labels, np.arange(labels.max() + 1))
     areas[0] = 0
-    return mask | (labels != areas.argmax())
+    mask |= labels != areas.argmax()
+    if mask[row_at(-78)].mean() < 0.5:
+        return mask
+    return ROWS >= joined_around(mask.any(0), mask.argmax(0))
+
+
+def print_outlines(clips):
+    print("outlines: evidence, 4 times that without slow shades, median ratio, IoU")
+    for name, (frames, with_operator) in clips.items():
+        stays, sharp, ratio = evidence(with_operator[0] if with_operator else frames)
+        mask, strength, clear = region(stays, sharp)
+        overlap = f"{iou(mask, with_operator[1]):.2f}" if with_operator else "-"
+        print(f"  {name}: {strength:.2f}, {4 * clear:.2f}, {ratio:.2f}, {overlap}", flush=True)
+
+
+def print_people(noise, clips):
+    print("people: IoU of them alone, with what is joined, of the best single mask")
+    sums = []
+    for name, (_, with_operator) in clips.items():
+        if not with_operator:
+            continue
+        frames, truth, people = (part[::2][:8] for part in with_operator)
+        people = shown(noise, people)
+        kept = core(people)
+        best = max(iou(truth.mean(0) >= share, truth) for share in (0.2, 0.3, 0.4, 0.5, 0.6))
+        sums.append((iou(kept, truth), iou(joined(frames, people, kept), truth), best))
+        print(f"  {name}: {sums[-1][0]:.2f}, {sums[-1][1]:.2f}, {best:.2f}", flush=True)
+    print("  mean: " + ", ".join(f"{value:.3f}" for value in np.mean(sums, 0)))
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     for name in ("tunnel", "city", "street", "hall"):
         parser.add_argument(name)
+    parser.add_argument("--only", choices=("outlines", "people"))
     options = parser.parse_args()
     noise = np.random.default_rng(3)
     scenes = {"city": decoded(options.city), "street": opened(options.street), "hall": opened(options.hall),
@@ -317,24 +355,10 @@ def main():
         for scene, frames in scenes.items():
             for degrees in (0, 6):
                 clips[f"{name} in {scene}, {degrees} degrees"] = (frames, carried(noise, frames, operator, degrees))
-    print("outlines: evidence, 4 times that without slow shades, median ratio, IoU")
-    for name, (frames, with_operator) in clips.items():
-        stays, sharp, ratio = evidence(with_operator[0] if with_operator else frames)
-        mask, strength, clear = region(stays, sharp)
-        overlap = f"{iou(mask, with_operator[1]):.2f}" if with_operator else "-"
-        print(f"  {name}: {strength:.2f}, {4 * clear:.2f}, {ratio:.2f}, {overlap}", flush=True)
-    print("people: IoU of them alone, with what is joined, of the best single mask")
-    sums = []
-    for name, (_, with_operator) in clips.items():
-        if not with_operator:
-            continue
-        frames, truth, people = (part[::2][:8] for part in with_operator)
-        people = shown(noise, people)
-        kept = core(people)
-        best = max(iou(truth.mean(0) >= share, truth) for share in (0.2, 0.3, 0.4, 0.5, 0.6))
-        sums.append((iou(kept, truth), iou(joined(frames, people, kept), truth), best))
-        print(f"  {name}: {sums[-1][0]:.2f}, {sums[-1][1]:.2f}, {best:.2f}", flush=True)
-    print("  mean: " + ", ".join(f"{value:.3f}" for value in np.mean(sums, 0)))
+    if options.only != "people":
+        print_outlines(clips)
+    if options.only != "outlines":
+        print_people(noise, clips)
 
 
 if __name__ == "__main__":

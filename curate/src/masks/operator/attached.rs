@@ -10,7 +10,7 @@ use super::{
     super::{field::Field, vote},
     evidence::WIDTH,
     people::{self, Seen},
-    region::{closed, smoothed},
+    region::{closed, filled_around, smoothed},
 };
 use crate::opencv_images::grown;
 
@@ -53,7 +53,7 @@ pub(super) fn grown_from(core: &Mask, seen: &[Seen]) -> opencv::Result<Mask> {
     let marks: Vec<u8> = often.iter().map(|&often| 255 * u8::from(often)).collect();
     let all = Mask::new(WIDTH, WIDTH / 2, marks).united(core);
     let data = closed(&all.data, WIDTH, CLOSED_PIXELS)?;
-    Ok(without_holes(Mask { data, ..all }))
+    Ok(filled_around(without_holes(Mask { data, ..all })))
 }
 
 /// Marks everything but the largest part of the sphere that a mask leaves free: what people surround is theirs.

@@ -39,7 +39,7 @@ pub(super) struct Region {
 pub(super) fn find(stays: &Field, sharp: &Field) -> opencv::Result<Option<Region>> {
     let (width, height) = (stays.width, stays.height);
     let camera = ErpCamera::new(width as u32, height as u32);
-    let row_at = |degrees: f64| ((0.5 - degrees / 180.0) * height as f64) as usize;
+    let row_at = |degrees: f64| row_at(degrees, height);
     let is_seed = |pixel: usize| stays.values[pixel] > 0.0 && pixel / width >= row_at(TOP_DEGREES);
     let seeds: Vec<u8> = (0..stays.values.len())
         .map(|pixel| 255 * u8::from(is_seed(pixel)))
@@ -79,21 +79,50 @@ pub(super) fn find(stays: &Field, sharp: &Field) -> opencv::Result<Option<Region
             }
         }
     }
-    let surrounds = tops.iter().flatten().count() as f64 >= LEAST_AROUND * width as f64;
-    let (tops, bottom) = match surrounds {
-        true => (joined_around(&tops), height),
-        false => (tops, row_at(BOTTOM_DEGREES)),
+    let data = match surrounds(tops.iter().flatten().count(), width) {
+        true => filled(&joined_around(&tops), height, height),
+        false => filled(&tops, row_at(BOTTOM_DEGREES), height),
     };
-    let mut data = vec![0; width * height];
-    for (column, top) in tops.into_iter().enumerate() {
-        for row in top.unwrap_or(bottom)..bottom {
-            data[row * width + column] = 255;
-        }
-    }
     Ok(Some(Region {
         mask: Mask::new(width, height, smoothed(&data, width, SMOOTHING_PIXELS)?),
         evidence: f64::min(*most, of_outlines),
     }))
+}
+
+/// Returns the row at a latitude, of an image of so many rows.
+fn row_at(degrees: f64, height: usize) -> usize {
+    ((0.5 - degrees / 180.0) * height as f64) as usize
+}
+
+fn surrounds(columns: usize, width: usize) -> bool {
+    columns as f64 >= LEAST_AROUND * width as f64
+}
+
+/// Marks each column from its top to a row, without that one.
+fn filled(tops: &[Option<usize>], bottom: usize, height: usize) -> Vec<u8> {
+    let width = tops.len();
+    let mut data = vec![0; width * height];
+    for (column, top) in tops.iter().enumerate() {
+        for row in top.unwrap_or(bottom)..bottom {
+            data[row * width + column] = 255;
+        }
+    }
+    data
+}
+
+/// Fills a mask that surrounds the nadir down to it, and over gaps; returns other masks as they are.
+pub(super) fn filled_around(mask: Mask) -> Mask {
+    let (width, height) = (mask.width, mask.height);
+    let is_marked = |column: usize, row: usize| mask.data[row * width + column] != 0;
+    let lowest = row_at(BOTTOM_DEGREES, height);
+    let reaching = (0..width).filter(|&column| is_marked(column, lowest));
+    if !surrounds(reaching.count(), width) {
+        return mask;
+    }
+    let tops: Vec<Option<usize>> = (0..width)
+        .map(|column| (0..height).find(|&row| is_marked(column, row)))
+        .collect();
+    Mask::new(width, height, filled(&joined_around(&tops), height, height))
 }
 
 /// Fills the gaps of an outline around the sphere by straight lines between the columns beside them.
@@ -203,6 +232,23 @@ mod tests {
         let beside = of_columns(50);
         assert_eq!([lowest(&beside, 20), beside[45 * WIDTH + 20]], [0, 255]);
         assert_eq!(beside[45 * WIDTH + 114], 0);
+    }
+
+    #[test]
+    fn masks_around_the_nadir_are_filled_and_others_are_not() {
+        let of_columns = |count: usize| {
+            let mut mask = Mask::new(WIDTH, HEIGHT, vec![0; WIDTH * HEIGHT]);
+            for row in (40..45).chain(50..HEIGHT) {
+                mask.data[row * WIDTH..row * WIDTH + count].fill(255);
+            }
+            mask
+        };
+        let around = filled_around(of_columns(100));
+        let at = |column: usize, row: usize| around.data[row * WIDTH + column];
+        assert_eq!([at(20, 47), at(114, 40), at(114, 63)], [255; 3]);
+        assert_eq!(at(20, 39), 0);
+        let beside = of_columns(50);
+        assert_eq!(filled_around(beside.clone()), beside);
     }
 
     #[test]
