@@ -3,8 +3,8 @@
 
     operators.py [--only outlines|people] TUNNEL CITY STREET HALL
 
-TUNNEL and CITY are equirectangular videos whose camera moves, the first with an operator, the second without one; STREET
-and HALL are folders of panoramas without an operator. Operators are painted over the others and over a painted sea,
+TUNNEL and CITY are equirectangular videos whose camera moves, the first with an operator, the second without one;
+STREET and HALL are folders of panoramas without an operator. Operators are painted over the others and over a painted sea,
 with a sway of some degrees. First prints the evidence of outlines, with the IoU of its region; then the IoU of people
 as a network would show them (holes, missed parts, missed frames), of these with what is joined to them, and of the best
 single mask. A model in NumPy of `curate/src/masks/operator` (`evidence` with fewer axes and the nearest pixels,
@@ -97,7 +97,8 @@ def iou(mask, truth):
 
 def decoded(video):
     scale = f"fps={FRAMES_PER_SECOND},scale={WIDTH}:{HEIGHT}:flags=area+accurate_rnd,format=rgb24"
-    raw = subprocess.check_output(["ffmpeg", "-nostdin", "-v", "error", "-i", video, "-vf", scale, "-f", "rawvideo", "-"])
+    command = ["ffmpeg", "-nostdin", "-v", "error", "-i", video, "-vf", scale, "-f", "rawvideo", "-"]
+    raw = subprocess.check_output(command)
     return np.frombuffer(raw, np.uint8).reshape(-1, HEIGHT, WIDTH, 3).astype(np.float32) / 255
 
 

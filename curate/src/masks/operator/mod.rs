@@ -41,7 +41,7 @@ const MOST_PAIRS: usize = 24;
 /// Minimum number of pairs for a finding.
 const LEAST_PAIRS: usize = 4;
 /// Evidence from which a region is entered, and from which a person is asked: grey levels of 255 times steradians. An
-/// operator with a helmet has 2.6 in a model of this search (`scripts/calibrate/operators.py`); of scenes without an
+/// operator with a helmet has 2.1 in a model of this search (`scripts/calibrate/operators.py`); of scenes without an
 /// operator the strongest region has 0.5.
 const FOUND: f64 = 1.5;
 const DOUBTFUL: f64 = 0.75;
