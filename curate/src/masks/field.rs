@@ -86,7 +86,15 @@ impl Field {
 
     /// Returns the area-weighted median over the sphere; 0 for an empty field.
     pub(super) fn median_on_sphere(&self) -> f32 {
-        self.median(|row| (PI * (row as f64 + 0.5) / self.height as f64).sin())
+        self.median_below(0)
+    }
+
+    /// Returns the area-weighted median over the part of the sphere from a row on downwards; 0 for an empty part.
+    pub(super) fn median_below(&self, first_row: usize) -> f32 {
+        self.median(|row| match row < first_row {
+            true => 0.0,
+            false => (PI * (row as f64 + 0.5) / self.height as f64).sin(),
+        })
     }
 
     /// Returns the median of pixels with a weight by their row; 0 for an empty field.
@@ -143,6 +151,8 @@ mod tests {
         // Rows around the poles: half of the pixels, 0.29 of the area.
         let caps = field(8, 64, |_, y| if (16..48).contains(&y) { 1.0 } else { 5.0 });
         assert_eq!(caps.median_on_sphere(), 1.0);
+        assert_eq!(caps.median_below(48), 5.0);
+        assert_eq!(caps.median_below(32), 1.0);
         let ramp = field(8, 64, |_, y| y as f32);
         assert!((ramp.median_on_sphere() - 31.5).abs() <= 0.5);
         let of_first_row = ramp.median(|row| f64::from(u8::from(row == 0)));

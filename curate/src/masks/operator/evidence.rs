@@ -4,6 +4,9 @@
 //! all along it. They differ by how much the image would change if it were moved along the path: a rail would not, the
 //! outline of a helmet would. The path is found by that, too: along the wrong axis every rail would seem to be carried,
 //! so that the axis with the least evidence over the whole sphere is the path's. Its two directions are alike.
+//!
+//! The haze of an even floor, or its shade towards the sun, is an appearance that stays too. It has no outline: evidence
+//! counts where it is left beside what stays of the images without their slow shades.
 
 use std::f32::consts::PI;
 
@@ -11,12 +14,19 @@ use glam::{Quat, Vec3};
 use rayon::prelude::*;
 
 use super::super::{field::Field, residual};
-use crate::motion::{GreySphere, grey::even_directions};
+use crate::{
+    motion::{GreySphere, grey::even_directions},
+    opencv_images::grown,
+};
 
 /// Columns of the compared images.
 pub(super) const WIDTH: usize = 256;
 /// Smoothing of the images, pixels.
 const SMOOTHING_PIXELS: f32 = 0.7;
+/// Smoothing that leaves the slow shades of a smoothed image, pixels: 4 degrees.
+pub(super) const SHADES_PIXELS: f32 = 3.0;
+/// Evidence counts within so many rows and columns of that without slow shades.
+const NEAR_SHARP_PIXELS: usize = 2;
 /// Differences are averaged over squares that reach so many pixels.
 const REACH_PIXELS: usize = 1;
 /// Angles by which images are moved along the path, radians: 2 to 7 times what detail spans.
@@ -31,8 +41,10 @@ const LEAST_CHANGE: f32 = 6.0 / 255.0;
 const LEAST_SINE: f32 = 0.35;
 /// The same while axes are tried. Else the best axis would be the one with what is carried at its end, out of count.
 const LEAST_SINE_TRIED: f32 = 0.05;
-/// Least median ratio over the sphere: below it the camera stands.
+/// Least median ratio over the sphere, or the part below the horizon: below it nothing goes by there.
 const LEAST_MEDIAN_RATIO: f32 = 0.7;
+/// Latitude of the upper end of the part below the horizon, as a share of the rows: 15 degrees down.
+const BELOW: f64 = 0.5 + 15.0 / 180.0;
 /// Number of axes over half the sphere that are tried first, and steps by which the best is refined, radians.
 const AXES: usize = 140;
 const REFINEMENTS: [f32; 3] = [0.09, 0.045, 0.022];
@@ -45,6 +57,39 @@ const MEASURED_FRAMES: usize = 12;
 pub(super) struct Evidence {
     /// Change along the path less the change over time, of grey values of [0, 1], where content stays; 0 elsewhere.
     pub(super) stays: Field,
+    /// The same of the images without their slow shades.
+    pub(super) sharp: Field,
+    pub(super) goes_by: GoesBy,
+}
+
+/// Part of the sphere in which the scene goes by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum GoesBy {
+    /// Most of the sphere.
+    Around,
+    /// Most of the part below the horizon: water below a far coast, or below a camera that stands.
+    Below,
+}
+
+impl GoesBy {
+    /// Judges by the change over time and along the path; `None` if the camera stands.
+    fn of(over_time: &Field, along: &Field) -> Option<Self> {
+        let ratios = ratios(over_time, along);
+        let goes_by = |first_row: usize| {
+            over_time.median_below(first_row) >= NOISE
+                && ratios.median_below(first_row) >= LEAST_MEDIAN_RATIO
+        };
+        match (goes_by(0), goes_by(below(over_time.height))) {
+            (true, _) => Some(Self::Around),
+            (false, true) => Some(Self::Below),
+            (false, false) => None,
+        }
+    }
+}
+
+/// Returns the first row of the part below the horizon.
+fn below(height: usize) -> usize {
+    (BELOW * height as f64) as usize
 }
 
 /// Smooths an image for the comparison.
@@ -59,16 +104,63 @@ pub(super) fn measure(pairs: &[[&GreySphere; 2]]) -> opencv::Result<Option<Evide
     let Some(over_time) = change_over_time(pairs)? else {
         return Ok(None);
     };
-    if over_time.median_on_sphere() < NOISE {
+    let rests = |first_row: usize| over_time.median_below(first_row) < NOISE;
+    if rests(0) && rests(below(over_time.height)) {
         return Ok(None);
     }
     let directions = residual::directions(over_time.width);
     let axis = best_axis(&over_time, &spread(&images, TRIED_FRAMES), &directions)?;
     let along = change_along(&spread(&images, MEASURED_FRAMES), axis, &directions)?;
-    let ratios = ratios(&over_time, &along);
-    let stands = ratios.median_on_sphere() < LEAST_MEDIAN_RATIO;
+    let Some(goes_by) = GoesBy::of(&over_time, &along) else {
+        return Ok(None);
+    };
     let stays = staying([&over_time, &along], axis, &directions, LEAST_SINE);
-    Ok((!stands).then_some(Evidence { stays }))
+    let sharp = sharp_staying(pairs, axis, &directions)?;
+    let stays = near_sharp(stays, &sharp)?;
+    Ok(Some(Evidence {
+        stays,
+        sharp,
+        goes_by,
+    }))
+}
+
+/// Returns the evidence of each pixel in smoothed images without their slow shades, along a path that is known.
+fn sharp_staying(
+    pairs: &[[&GreySphere; 2]],
+    axis: Vec3,
+    directions: &[Vec3],
+) -> opencv::Result<Field> {
+    let of_pair = |[first, second]: &[&GreySphere; 2]| -> opencv::Result<[GreySphere; 2]> {
+        Ok([without_shades(first)?, without_shades(second)?])
+    };
+    let sharp: opencv::Result<Vec<[GreySphere; 2]>> = pairs.iter().map(of_pair).collect();
+    let sharp = sharp?;
+    let compared: Vec<[&GreySphere; 2]> = sharp.iter().map(|[a, b]| [a, b]).collect();
+    let firsts: Vec<&GreySphere> = sharp.iter().map(|[first, _]| first).collect();
+    let along = change_along(&spread(&firsts, MEASURED_FRAMES), axis, directions)?;
+    let over_time = change_over_time(&compared)?.unwrap_or_else(|| along.clone());
+    Ok(staying([&over_time, &along], axis, directions, LEAST_SINE))
+}
+
+fn without_shades(image: &GreySphere) -> opencv::Result<GreySphere> {
+    let shades = luma(image).blurred(SHADES_PIXELS)?;
+    let values = image.luma().iter().zip(&shades.values);
+    let values = values.map(|(value, shade)| value - shade).collect();
+    Ok(GreySphere::of_luma(image.width(0), values))
+}
+
+/// Returns evidence near that of sharp images; 0 elsewhere.
+fn near_sharp(mut stays: Field, sharp: &Field) -> opencv::Result<Field> {
+    let marks: Vec<u8> = (sharp.values.iter())
+        .map(|&value| 255 * u8::from(value > 0.0))
+        .collect();
+    let near = grown(&marks, sharp.width, NEAR_SHARP_PIXELS)?;
+    for (value, near) in stays.values.iter_mut().zip(near) {
+        if near == 0 {
+            *value = 0.0;
+        }
+    }
+    Ok(stays)
 }
 
 /// Returns up to `count` of the images, spread evenly.
@@ -268,6 +360,54 @@ mod tests {
             }
         }
         assert!(on_plate > 10.0 * elsewhere, "{on_plate} {elsewhere}");
+    }
+
+    /// A field with one value above the part below the horizon, and one in it.
+    fn parts(above: f32, below_it: f32) -> Field {
+        let rows = WIDTH / 2;
+        let value = |at: usize| match at / WIDTH < below(rows) {
+            true => above,
+            false => below_it,
+        };
+        Field {
+            width: WIDTH,
+            height: rows,
+            values: (0..WIDTH * rows).map(value).collect(),
+        }
+    }
+
+    #[test]
+    fn the_scene_goes_by_around_below_or_nowhere() {
+        let along = parts(0.1, 0.1);
+        let judged = |above: f32, below_it: f32| GoesBy::of(&parts(above, below_it), &along);
+        assert_eq!(judged(0.1, 0.1), Some(GoesBy::Around));
+        assert_eq!(judged(0.1, 0.01), Some(GoesBy::Around));
+        assert_eq!(judged(0.01, 0.1), Some(GoesBy::Below));
+        assert_eq!(judged(0.01, 0.01), None);
+        // Noise of even surfaces.
+        let even = parts(0.0, 0.0);
+        assert_eq!(GoesBy::of(&parts(0.003, 0.003), &even), None);
+    }
+
+    #[test]
+    fn slow_shades_leave_no_evidence_and_outlines_do() {
+        let (mut stays, mut sharp) = (parts(0.2, 0.2), parts(0.0, 0.0));
+        sharp.values[80 * WIDTH + 255] = 0.1;
+        stays.values[81 * WIDTH] = 0.0;
+        let kept = near_sharp(stays, &sharp).expect("filtered");
+        let near = kept.values.iter().filter(|value| **value > 0.0).count();
+        assert_eq!(near, 24);
+        assert_eq!(kept.values[82 * WIDTH + 1], 0.2);
+        let shade: Vec<f32> = residual::directions(WIDTH)
+            .iter()
+            .map(|at| 0.3 * at.y)
+            .collect();
+        let flat = without_shades(&GreySphere::of_luma(WIDTH, shade)).expect("filtered");
+        let most = flat
+            .luma()
+            .iter()
+            .fold(0.0_f32, |most, value| most.max(value.abs()));
+        assert!(most < LEAST_CHANGE / 2.0, "{most}");
     }
 
     #[test]

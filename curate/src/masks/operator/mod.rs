@@ -4,6 +4,7 @@
 //! `operator/operator.json`, with the mask of all frames and an image to look at. On request, caps around the poles are
 //! looked for too (`caps`). Where the evidence is weak, a person has to decide by the image.
 
+mod attached;
 mod caps;
 mod evidence;
 mod people;
@@ -23,7 +24,7 @@ use omnilife_schemas::{
     store,
 };
 
-use self::{caps::Cap, region::Region};
+use self::{caps::Cap, evidence::GoesBy, region::Region};
 use super::{deeplab, dynamic_share, reliability, reliability::Target};
 use crate::{error::CurateError, motion::GreySphere};
 
@@ -40,7 +41,8 @@ const MOST_PAIRS: usize = 24;
 /// Minimum number of pairs for a finding.
 const LEAST_PAIRS: usize = 4;
 /// Evidence from which a region is entered, and from which a person is asked: grey levels of 255 times steradians. An
-/// operator with a helmet has 3; of rendered scenes without an operator the strongest region has 0.6.
+/// operator with a helmet has 2.1 in a model of this search (`scripts/calibrate/operators.py`); of scenes without an
+/// operator the strongest region has 0.5.
 const FOUND: f64 = 1.5;
 const DOUBTFUL: f64 = 0.75;
 /// Least share of the sphere that people have who carry the camera.
@@ -48,6 +50,9 @@ const LEAST_PEOPLE: f64 = 1e-3;
 
 /// Words on caps in records.
 const CAPS_UNMEASURED: &str = "; caps around the poles by limits that are not measured on labels";
+
+/// Words on people in records of searches that left them out.
+const NO_PEOPLE: &str = "; people were not looked for (curate operator --people)";
 
 /// Parts of the search that are made on request.
 #[derive(Debug, Clone, Copy, Default)]
@@ -60,13 +65,18 @@ pub struct OperatorSearch {
 
 fn settings(search: OperatorSearch) -> String {
     let people = match search.people {
-        true => format!("; people by {}", (deeplab::METHOD.settings)()),
+        true => format!(
+            "; people by {}, {}",
+            (deeplab::METHOD.settings)(),
+            people::settings()
+        ),
         false => String::new(),
     };
     let caps = caps_words(search);
     format!(
-        "{} px, up to {MOST_PAIRS} pairs of frames {GAP_SECONDS} s apart, found from {FOUND}, doubtful from {DOUBTFUL}{people}{caps}",
+        "{} px, shades from {} px left out, up to {MOST_PAIRS} pairs of frames {GAP_SECONDS} s apart, found from {FOUND}, doubtful from {DOUBTFUL}{people}{caps}",
         evidence::WIDTH,
+        evidence::SHADES_PIXELS,
     )
 }
 
@@ -203,6 +213,16 @@ impl SearchResult {
         }
     }
 
+    /// Judges where the scene goes by below the horizon alone, by people: a rock in a river keeps its place too.
+    fn below(people: Option<Mask>, pairs: usize) -> Self {
+        let judged = Self::of(None, people, pairs);
+        if judged.finding == OperatorFinding::Found {
+            return judged;
+        }
+        let reason = "the scene goes by below the horizon alone, where only people are judged";
+        Self::unjudged(reason.to_owned(), pairs)
+    }
+
     /// Adds caps: those that are found to the mask, and doubtful ones as a question if nothing else was found. The
     /// reason begins with the caps that settle the finding.
     fn with_caps(mut self, caps: Vec<Cap>) -> Self {
@@ -236,6 +256,14 @@ impl SearchResult {
         words.extend(others);
         self.reason = words.join("; ");
         self.caps = caps.into_iter().map(|cap| cap.record).collect();
+        self
+    }
+
+    /// Says that people were not looked for, if nothing is found.
+    fn with_advice(mut self, search: OperatorSearch) -> Self {
+        if !search.people && self.finding != OperatorFinding::Found {
+            self.reason += NO_PEOPLE;
+        }
         self
     }
 }
@@ -302,12 +330,18 @@ fn judge(
         let standing = SearchResult::unjudged("the camera stands".to_owned(), pairs.len());
         return Ok(standing.with_caps(caps));
     };
-    let region = region::find(&evidence.stays).map_err(internal)?;
     let people = match search.people {
         true => Some(people::staying(folder, sequence, progress)?),
         false => None,
     };
-    Ok(SearchResult::of(region, people, pairs.len()).with_caps(caps))
+    let result = match evidence.goes_by {
+        GoesBy::Around => {
+            let region = region::find(&evidence.stays, &evidence.sharp).map_err(internal)?;
+            SearchResult::of(region, people, pairs.len())
+        }
+        GoesBy::Below => SearchResult::below(people, pairs.len()),
+    };
+    Ok(result.with_caps(caps).with_advice(search))
 }
 
 /// Returns pairs of frames that are far enough apart, spread over the sequence.
@@ -381,8 +415,25 @@ mod tests {
         assert_eq!(judged(0.2, people()).finding, OperatorFinding::Found);
         assert_eq!(marked(judged(0.2, people())), Some(vec![0, 255]));
         assert_eq!(marked(judged(3.0, people())), Some(vec![255, 255]));
-        let too_few = Some(mask([0, 0]));
-        assert_eq!(judged(0.2, too_few).finding, OperatorFinding::Nothing);
+        let too_few = || Some(mask([0, 0]));
+        assert_eq!(judged(0.2, too_few()).finding, OperatorFinding::Nothing);
+        let below = |people: Option<Mask>| SearchResult::below(people, 9).finding;
+        assert_eq!(below(people()), OperatorFinding::Found);
+        assert_eq!(below(too_few()), OperatorFinding::Unjudged);
+        assert_eq!(below(None), OperatorFinding::Unjudged);
+        let advised = |evidence: f64, people: bool| {
+            let search = OperatorSearch {
+                people,
+                caps: false,
+            };
+            let found = judged(evidence, None).with_advice(search);
+            found.reason.ends_with(NO_PEOPLE)
+        };
+        assert_eq!(
+            [advised(0.2, false), advised(1.0, false), advised(0.2, true)],
+            [true, true, false]
+        );
+        assert!(!advised(3.0, false));
     }
 
     #[test]
