@@ -104,6 +104,7 @@ impl Field {
             .iter()
             .enumerate()
             .map(|(index, &value)| (value, weight(index / self.width)))
+            .filter(|(_, weight)| *weight > 0.0)
             .collect();
         weighted.sort_by(|a, b| a.0.total_cmp(&b.0));
         let half = 0.5 * weighted.iter().map(|(_, weight)| weight).sum::<f64>();
@@ -153,6 +154,7 @@ mod tests {
         assert_eq!(caps.median_on_sphere(), 1.0);
         assert_eq!(caps.median_below(48), 5.0);
         assert_eq!(caps.median_below(32), 1.0);
+        assert_eq!(caps.median_below(64), 0.0);
         let ramp = field(8, 64, |_, y| y as f32);
         assert!((ramp.median_on_sphere() - 31.5).abs() <= 0.5);
         let of_first_row = ramp.median(|row| f64::from(u8::from(row == 0)));
