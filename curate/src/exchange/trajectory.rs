@@ -245,8 +245,8 @@ mod tests {
             notes.iter().any(|note| note.contains("another unit")),
             "{notes:?}"
         );
-        for frame in &mut other.frames {
-            frame.image = format!("other-{}", frame.time_seconds);
+        for (number, frame) in other.frames.iter_mut().enumerate() {
+            frame.image = format!("other-{number}.jpg");
         }
         store::write_record(&file("scene.json"), &other)?;
         let refusal = read_trajectory(folder.path(), None, &scene());
