@@ -8,6 +8,8 @@ use crate::metrics::ViewPair;
 /// Least width of a border on opposite sides, and the largest difference of both, pixels.
 const LEAST_WIDTH: usize = 2;
 const LARGEST_DIFFERENCE: usize = 1;
+/// Largest difference of levels within a border of the ground truth, whose files may be JPEG or frames of a video.
+const TRUE_LEVELS: u8 = 12;
 
 /// Widths of a border of one colour that the ground truth does not have, pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,8 +23,9 @@ pub struct Border {
 impl Border {
     /// Measures the border of a prediction. Pixels that do not count are those of the ground truth.
     pub(super) fn of(pair: &ViewPair) -> Self {
-        let of = |bytes: &[u8]| [0, 1].map(|axis| sides(bytes, pair.size(), axis));
-        let [predicted, truth] = [of(pair.prediction()), of(pair.truth())];
+        let of =
+            |bytes: &[u8], levels: u8| [0, 1].map(|axis| sides(bytes, pair.size(), axis, levels));
+        let [predicted, truth] = [of(pair.prediction(), 0), of(pair.truth(), TRUE_LEVELS)];
         let beyond =
             |axis: usize| [0, 1].map(|end| predicted[axis][end].saturating_sub(truth[axis][end]));
         Self {
@@ -57,9 +60,9 @@ pub(super) fn common(views: &[ViewFacts]) -> Option<Border> {
     (first.border.is_frame() && is_common).then_some(first.border)
 }
 
-/// Returns the numbers of lines of the colour of the first pixel at both ends of an axis (0: columns, 1: rows). An image
-/// whose half is of one colour shows no border.
-fn sides(bytes: &[u8], [width, height]: [usize; 2], axis: usize) -> [usize; 2] {
+/// Returns the numbers of lines of the colour of the first pixel, up to a difference of levels, at both ends of an axis
+/// (0: columns, 1: rows). An image whose half is of one colour shows no border.
+fn sides(bytes: &[u8], [width, height]: [usize; 2], axis: usize, levels: u8) -> [usize; 2] {
     let pixels = bytes.as_chunks::<3>().0;
     let (lines, length, step, stride) = match axis {
         0 => (width, height, width, 1),
@@ -67,7 +70,10 @@ fn sides(bytes: &[u8], [width, height]: [usize; 2], axis: usize) -> [usize; 2] {
     };
     let is_plain = |line: usize| {
         let mut places = (0..length).map(|place| line * stride + place * step);
-        places.all(|place| pixels[place] == pixels[0])
+        places.all(|place| {
+            let mut channels = pixels[place].iter().zip(&pixels[0]);
+            channels.all(|(one, first)| one.abs_diff(*first) <= levels)
+        })
     };
     let half = lines / 2;
     let near = (0..half).take_while(|&line| is_plain(line)).count();

@@ -1,6 +1,6 @@
 //! Check for prominent artificial overlays.
 
-use omnilife_schemas::records::{Overlay, OverlayReport, OverlaySpan, TimeRange};
+use omnilife_schemas::records::{Overlay, OverlayClass, OverlayReport, OverlaySpan, TimeRange};
 
 use super::{Check, Thresholds, outcome};
 
@@ -46,14 +46,12 @@ fn judged(report: &OverlayReport, thresholds: &Thresholds, most_steradians: f64)
     (passed, value)
 }
 
-/// Returns true if an overlay hides reconstructible content for long enough.
+/// Returns true if an overlay hides reconstructible content; a moving mosaic, if it does so for long enough.
 fn spoils(overlay: &Overlay, thresholds: &Thresholds) -> bool {
     let most_share = thresholds.largest_mosaic_share.unwrap_or(0.0);
-    let lasts = overlay
-        .sightings
-        .as_ref()
-        .is_none_or(|sightings| sightings.share() > most_share);
-    overlay.class.spoils_geometry() && lasts
+    let is_brief_mosaic = overlay.class == OverlayClass::Mosaic
+        && (overlay.sightings.as_ref()).is_some_and(|sightings| sightings.share() <= most_share);
+    overlay.class.spoils_geometry() && !is_brief_mosaic
 }
 
 /// Returns the number of shots in which too little moved for a judgement, in words; empty if all were judged.
@@ -118,7 +116,7 @@ fn in_shots(overlay: &Overlay, report: &OverlayReport) -> String {
 
 #[cfg(test)]
 mod tests {
-    use omnilife_schemas::records::{OverlayClass, Sightings};
+    use omnilife_schemas::records::Sightings;
 
     use omnilife_schemas::records::Probe;
 
@@ -170,6 +168,11 @@ mod tests {
         // Without a named share no mosaic is allowed.
         let anywhere = Thresholds::default();
         assert!(spoils(&moving_mosaic(0.03, 3), &anywhere));
+        let caption = Overlay {
+            class: OverlayClass::Caption,
+            ..moving_mosaic(0.03, 3)
+        };
+        assert!(spoils(&caption, &OMNILIFE360.thresholds));
     }
 
     /// The published criteria report a mosaic of 0.03 sr and admit its video; criteria of a file reject it.

@@ -88,6 +88,22 @@ pub enum FramePixels {
 }
 
 impl FramePixels {
+    /// Returns the pixels that the pose of an image refers to: those that are shown, if the camera has the size of these
+    /// alone, as of programs that turn images.
+    ///
+    /// # Errors
+    /// When its EXIF data cannot be read.
+    pub(super) fn of(
+        self,
+        mut image: ImageFile<'_>,
+        camera: [usize; 2],
+    ) -> Result<Self, StoreError> {
+        Ok(match self {
+            Self::Stored if image.size() != camera && image.shown_size()? == camera => Self::Shown,
+            own => own,
+        })
+    }
+
     /// Returns width and height of an image.
     ///
     /// # Errors

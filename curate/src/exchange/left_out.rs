@@ -63,7 +63,8 @@ pub(super) fn images_beside(scene: &ForeignScene) -> Result<Vec<PathBuf>, StoreE
 }
 
 /// Returns lines on images in folders beside those of the frames, of which a format reads masks or distances: folders of
-/// which it reads nothing, and files of others that no frame has.
+/// which it reads nothing, and files of others that no frame has. Reduced copies as nerfstudio and 3DGS keep them
+/// (`images_2`, `masks_4`) beside their originals are left out.
 ///
 /// # Errors
 /// When a folder cannot be listed.
@@ -92,7 +93,13 @@ pub(super) fn unread_images(
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
         let whole = same(&folder);
         let has_frames = images.iter().any(|images| images.starts_with(&whole));
-        if !folder.is_dir() || has_frames || name.starts_with('.') || name == IGNORE_MASKS_FOLDER {
+        let is_copy = name.rsplit_once('_').is_some_and(|(of, factor)| {
+            let original = same(&root.join(of));
+            let mut used = images.iter().chain(&read);
+            factor.parse::<u32>().is_ok() && used.any(|place| place.starts_with(&original))
+        });
+        let is_other = name.starts_with('.') || name == IGNORE_MASKS_FOLDER;
+        if !folder.is_dir() || has_frames || is_copy || is_other {
             continue;
         }
         let all = images_below(&folder)?;
@@ -113,7 +120,7 @@ pub(super) fn unread_images(
     folders.sort();
     let whole = line(
         &folders,
-        "folders of images that are not read, masks or distances under other names than the format's among them",
+        "folders of images that are not read, as masks and distances are under the format's own names alone",
     );
     let single = line(&files, "masks or distances that no frame has");
     Ok(whole.into_iter().chain(single).collect())

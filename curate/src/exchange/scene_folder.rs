@@ -184,7 +184,11 @@ fn write(
             (Some(own), Camera::Pinhole(common)) => {
                 FrameImage::resampled(frame, name, (own, common), out)?
             }
-            _ => FrameImage::import(frame, name, (lens, placement, source.scene.pixels), out)?,
+            _ => {
+                let pixels = ImageFile::open(&frame.image)?;
+                let pixels = source.scene.pixels.of(pixels, camera.size())?;
+                FrameImage::import(frame, name, (lens, placement, pixels), out)?
+            }
         };
         unusual.add(name, &image);
         look_at_masks(source, (frame, request.masks), &mut masks)?;
@@ -335,9 +339,10 @@ fn check_size(scene: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateEr
         // Checked already; they may show a part of their sphere.
         return Ok(());
     }
-    let [width, height] = scene.pixels.size(ImageFile::open(&frame.image)?)?;
     let view = (scene.drive.as_ref()).and_then(|drive| drive.view(&frame.image));
     let expected = view.map_or_else(|| scene.camera.camera().size(), |view| view.size);
+    let pixels = (scene.pixels).of(ImageFile::open(&frame.image)?, expected)?;
+    let [width, height] = pixels.size(ImageFile::open(&frame.image)?)?;
     if [width, height] == expected {
         return Ok(());
     }

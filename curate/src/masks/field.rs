@@ -19,20 +19,20 @@ pub(super) struct Field {
 
 impl Field {
     /// Returns the weighted mean of each value's neighbours along its row and column, by a Gaussian of this standard
-    /// deviation in pixels.
-    pub(super) fn blurred(&self, sigma_pixels: f32) -> opencv::Result<Self> {
+    /// deviation in pixels; across the seam if it `wraps`.
+    pub(super) fn blurred(&self, sigma_pixels: f32, wraps: bool) -> opencv::Result<Self> {
         let reach = (3.0 * sigma_pixels).ceil() as i32;
         let gauss = |offset: i32| (-0.5 * (offset as f32 / sigma_pixels).powi(2)).exp();
-        self.filtered(&(-reach..=reach).map(gauss).collect::<Vec<f32>>())
+        self.filtered(&(-reach..=reach).map(gauss).collect::<Vec<f32>>(), wraps)
     }
 
-    /// Means over squares of `2 * reach + 1` pixels.
-    pub(super) fn box_mean(&self, reach: usize) -> opencv::Result<Self> {
-        self.filtered(&vec![1.0; 2 * reach + 1])
+    /// Means over squares of `2 * reach + 1` pixels; across the seam if it `wraps`.
+    pub(super) fn box_mean(&self, reach: usize, wraps: bool) -> opencv::Result<Self> {
+        self.filtered(&vec![1.0; 2 * reach + 1], wraps)
     }
 
     /// Returns the field filtered along rows and along columns by weights around their middle.
-    fn filtered(&self, weights: &[f32]) -> opencv::Result<Self> {
+    fn filtered(&self, weights: &[f32], wraps: bool) -> opencv::Result<Self> {
         let total: f32 = weights.iter().sum();
         let weights: Vec<f32> = weights.iter().map(|weight| weight / total).collect();
         let kernel = Mat::from_slice(&weights)?;
@@ -49,18 +49,24 @@ impl Field {
                 BORDER_REPLICATE,
             )
         };
-        let values = across_seam(&self.values, self.width, weights.len() / 2, filter)?;
+        let reach = if wraps { weights.len() / 2 } else { 0 };
+        let values = across_seam(&self.values, self.width, reach, filter)?;
         Ok(Self { values, ..*self })
     }
 
-    /// Returns half the lengths of the differences between the neighbours on both sides.
-    pub(super) fn slopes(&self) -> Self {
+    /// Returns half the lengths of the differences between the neighbours on both sides; across the seam if it `wraps`.
+    pub(super) fn slopes(&self, wraps: bool) -> Self {
         let (width, height) = (self.width, self.height);
         let at = |x: usize, y: usize| self.values[y * width + x];
         let mut values = Vec::with_capacity(self.values.len());
         for y in 0..height {
             for x in 0..width {
-                let along = at((x + 1) % width, y) - at((x + width - 1) % width, y);
+                let [left, right] = if wraps {
+                    [(x + width - 1) % width, (x + 1) % width]
+                } else {
+                    [x.saturating_sub(1), (x + 1).min(width - 1)]
+                };
+                let along = at(right, y) - at(left, y);
                 let across = at(x, (y + 1).min(height - 1)) - at(x, y.saturating_sub(1));
                 values.push(0.5 * (along * along + across * across).sqrt());
             }
@@ -136,15 +142,22 @@ mod tests {
 
     #[test]
     fn smoothing_goes_on_over_the_seam_and_keeps_what_is_even() {
-        let even = field(16, 8, |_, _| 0.3).blurred(2.0).expect("filtered");
+        let even = field(16, 8, |_, _| 0.3)
+            .blurred(2.0, true)
+            .expect("filtered");
         assert!(even.values.iter().all(|value| (value - 0.3).abs() < 1e-6));
         let spot = field(16, 8, |x, y| f32::from(u8::from(x == 0 && y == 4)));
-        let spot = spot.box_mean(1).expect("filtered");
+        let plain = spot.box_mean(1, false).expect("filtered");
+        let spot = spot.box_mean(1, true).expect("filtered");
         let at = |x: usize, y: usize| spot.values[y * 16 + x];
         for (x, y) in [(15, 3), (15, 5), (0, 4), (1, 4)] {
             assert!((at(x, y) - 1.0 / 9.0).abs() < 1e-6, "{x} {y}");
         }
         assert_eq!(at(14, 4), 0.0);
+        assert_eq!(plain.values[4 * 16 + 15], 0.0);
+        let ramp = field(16, 8, |x, _| x as f32);
+        let slopes = [true, false].map(|wraps| ramp.slopes(wraps).values[4 * 16]);
+        assert_eq!(slopes, [7.0, 0.5]);
     }
 
     #[test]
@@ -159,6 +172,6 @@ mod tests {
         assert!((ramp.median_on_sphere() - 31.5).abs() <= 0.5);
         let of_first_row = ramp.median(|row| f64::from(u8::from(row == 0)));
         assert_eq!([of_first_row, caps.median(|_| 1.0)], [0.0, 1.0]);
-        assert_eq!(ramp.slopes().values[8 * 20], 1.0);
+        assert_eq!(ramp.slopes(true).values[8 * 20], 1.0);
     }
 }

@@ -71,7 +71,8 @@ impl ComparableFrame for Plane {
         let (this, that) = (&self.0[0], &that.0[0]);
         let slack = || -SLACK_PIXELS..=SLACK_PIXELS;
         let shifts = slack().flat_map(|x| slack().map(move |y| [shift[0] + x, shift[1] + y]));
-        let misfits = shifts.map(|shift| differences(this, that, shift).box_mean(REACH_PIXELS));
+        let misfits =
+            shifts.map(|shift| differences(this, that, shift).box_mean(REACH_PIXELS, false));
         let misfit = misfits.reduce(|a, b| Ok(a?.smaller(&b?)));
         let stands = shift.iter().all(|at| at.abs() <= STANDS_PIXELS);
         Ok((misfit.unwrap_or_else(|| Ok(this.clone()))?, stands))

@@ -148,7 +148,7 @@ pub(super) fn compared_image(
 }
 
 fn smoothed(sphere: &GreySphere) -> opencv::Result<GreySphere> {
-    let smooth = luma(sphere).blurred(SMOOTHING_PIXELS)?;
+    let smooth = luma(sphere).blurred(SMOOTHING_PIXELS, true)?;
     Ok(GreySphere::of_luma(sphere.width(0), smooth.values))
 }
 
@@ -165,8 +165,8 @@ pub(super) fn luma(sphere: &GreySphere) -> Field {
 /// wide as a whole turn.
 fn unexplained(grey: &Field, misfit: &Field, is_sphere: bool) -> opencv::Result<Mask> {
     let extent = EXTENT_RADIANS * grey.width as f32 / TAU;
-    let slopes = grey.slopes().blurred(extent)?;
-    let mut ratio = misfit.blurred(extent)?;
+    let slopes = grey.slopes(is_sphere).blurred(extent, is_sphere)?;
+    let mut ratio = misfit.blurred(extent, is_sphere)?;
     for (value, slope) in ratio.values.iter_mut().zip(&slopes.values) {
         *value /= NOISE + MISPLACED_PIXELS * slope;
     }
@@ -217,7 +217,7 @@ pub(super) fn still_misfit(
     (0..=steps)
         .map(|index| {
             let shift = index as f32 * step * heading;
-            difference(this, that, motion.rotation, shift, directions).box_mean(REACH_PIXELS)
+            difference(this, that, motion.rotation, shift, directions).box_mean(REACH_PIXELS, true)
         })
         .reduce(|a, b| Ok(a?.smaller(&b?)))
         .unwrap_or_else(|| {

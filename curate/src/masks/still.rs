@@ -3,8 +3,8 @@
 //! A frame is compared with views of the same camera before and after it, at least a fifth of a second apart. Content
 //! moves if it differs from most views before and from most after, by more than the pixel itself changes from view to
 //! view. A place that content has left, or will enter, agrees with one of the two. Leaves that tremble stay within
-//! their neighbours' grey values or change as much all the time. Content that comes to rest or has rested stops to
-//! count once it agrees with one side; so does the inside of content that stays over its own place.
+//! their neighbours' grey values or change as much all the time. Content that comes to rest or has rested ceases to
+//! be marked once it agrees with one side; so does the inside of content that stays over its own place.
 //!
 //! A camera stands while nearby views agree in most of their detail, without any registration.
 
@@ -72,6 +72,8 @@ struct View {
     darkest: Vec<f32>,
     brightest: Vec<f32>,
     has_detail: Vec<bool>,
+    /// True for panoramas: columns go on across the seam.
+    wraps: bool,
 }
 
 impl View {
@@ -85,12 +87,13 @@ impl View {
         let brightest = across_seam(values, width, reach, |from, to| {
             imgproc::dilate_def(from, to, &kernel)
         })?;
-        let slopes = luma.slopes();
+        let slopes = luma.slopes(wraps);
         Ok(Self {
             has_detail: slopes.values.iter().map(|&slope| slope > DETAIL).collect(),
             darkest,
             brightest,
             luma,
+            wraps,
         })
     }
 
@@ -107,7 +110,7 @@ impl View {
             values: values.collect(),
             ..self.luma
         };
-        difference.box_mean(REACH_PIXELS)
+        difference.box_mean(REACH_PIXELS, self.wraps)
     }
 
     /// Returns true if most of this view's detail agrees, by its difference to another one.

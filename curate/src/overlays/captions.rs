@@ -290,12 +290,14 @@ impl Group {
 
     /// Returns true if two groups are the same strokes, found around neighbouring begins and ends.
     fn is_same(&self, other: &Self, grid: &Grid) -> bool {
+        if self.begin.abs_diff(other.begin) > SAME_SAMPLES
+            || self.end.abs_diff(other.end) > SAME_SAMPLES
+        {
+            return false;
+        }
         let [one, two] = [self, other].map(|group| group.rectangle.middle_degrees(grid));
         let across = (one[0] - two[0]).abs();
-        self.begin.abs_diff(other.begin) <= SAME_SAMPLES
-            && self.end.abs_diff(other.end) <= SAME_SAMPLES
-            && across.min(360.0 - across) < SAME_DEGREES
-            && (one[1] - two[1]).abs() < SAME_DEGREES
+        across.min(360.0 - across) < SAME_DEGREES && (one[1] - two[1]).abs() < SAME_DEGREES
     }
 
     fn overlaps(&self, other: &Self, width: usize) -> bool {
@@ -413,13 +415,12 @@ fn trimmed(values: impl Iterator<Item = usize>) -> Option<RangeInclusive<usize>>
         *counts.entry(value).or_default() += 1;
     }
     let most = *counts.values().max()? as f64;
-    let mut kept = counts.iter();
-    let mut kept = kept
-        .by_ref()
+    let mut kept = counts
+        .iter()
         .filter(|(_, count)| **count as f64 >= LEAST_PROFILE * most)
         .map(|(value, _)| *value);
     let first = kept.next()?;
-    Some(first..=kept.last().unwrap_or(first))
+    Some(first..=kept.next_back().unwrap_or(first))
 }
 
 /// Returns the median; `None` without values.

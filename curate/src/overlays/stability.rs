@@ -22,7 +22,7 @@ const STAYED_SHARE: f32 = 0.35;
 /// The scene moved between two frames when at most this share of the detail stayed.
 const STILL_SHARE: f64 = 0.5;
 
-/// Accumulates over a video; memory does not grow with its length, except for the finds of windows.
+/// Accumulates over a video; memory does not grow with its length, except for the times and groups of captions.
 #[derive(Debug, Default)]
 pub struct OverlayPass {
     width: usize,

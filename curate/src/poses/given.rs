@@ -275,7 +275,9 @@ fn other_times(given: &[PosedFrame], poses: &[Option<Pose>], frames: &FrameList)
 fn before_the_video(given: &[PosedFrame], frames: &FrameList) -> Option<String> {
     let first = frames.video_begins?;
     let earliest = given.first()?.time_seconds;
-    (earliest < first - frames.tolerance_seconds).then(|| {
+    let tolerance = frames.tolerance_seconds;
+    // Times that count from that frame are not negative.
+    (-tolerance..first - tolerance).contains(&earliest).then(|| {
         format!(
             "poses start at {earliest:.3} s, and the video's first frame has the time stamp {first:.3} s: add {first:.3} \
              to times that count from that frame"

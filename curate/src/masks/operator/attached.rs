@@ -77,7 +77,7 @@ fn without_holes(mut mask: Mask) -> Mask {
 
 /// Marks what is joined to people in a frame, with them.
 fn joined(frame: &Seen, core: &Mask, near: &[u8]) -> opencv::Result<Vec<u8>> {
-    let unlike = distances(&frame.image).box_mean(AVERAGED_PIXELS)?;
+    let unlike = distances(&frame.image).box_mean(AVERAGED_PIXELS, true)?;
     let foreign = unlike.values.iter().zip(near);
     let foreign: Vec<u8> = foreign
         .map(|(&distance, &near)| 255 * u8::from(distance > UNLIKE && near != 0))

@@ -13,7 +13,10 @@ use std::f32::consts::PI;
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
 
-use super::super::{field::Field, residual};
+use super::super::{
+    field::Field,
+    residual::{self, luma},
+};
 use crate::{
     motion::{GreySphere, grey::even_directions},
     opencv_images::grown,
@@ -94,7 +97,7 @@ fn below(height: usize) -> usize {
 
 /// Smooths an image for the comparison.
 pub(super) fn smoothed(image: &GreySphere) -> opencv::Result<GreySphere> {
-    let smooth = luma(image).blurred(SMOOTHING_PIXELS)?;
+    let smooth = luma(image).blurred(SMOOTHING_PIXELS, true)?;
     Ok(GreySphere::of_luma(image.width(0), smooth.values))
 }
 
@@ -143,7 +146,7 @@ fn sharp_staying(
 }
 
 fn without_shades(image: &GreySphere) -> opencv::Result<GreySphere> {
-    let shades = luma(image).blurred(SHADES_PIXELS)?;
+    let shades = luma(image).blurred(SHADES_PIXELS, true)?;
     let values = image.luma().iter().zip(&shades.values);
     let values = values.map(|(value, shade)| value - shade).collect();
     Ok(GreySphere::of_luma(image.width(0), values))
@@ -174,14 +177,6 @@ fn spread<'a>(images: &[&'a GreySphere], count: usize) -> Vec<&'a GreySphere> {
         .collect()
 }
 
-fn luma(image: &GreySphere) -> Field {
-    Field {
-        width: image.width(0),
-        height: image.width(0) / 2,
-        values: image.luma().to_vec(),
-    }
-}
-
 /// Returns the mean change over the pairs around each pixel; `None` without pairs.
 fn change_over_time(pairs: &[[&GreySphere; 2]]) -> opencv::Result<Option<Field>> {
     let changes = pairs.iter().map(|[first, second]| {
@@ -208,7 +203,7 @@ fn mean(fields: Vec<Field>) -> opencv::Result<Option<Field>> {
         for value in &mut sum.values {
             *value /= count;
         }
-        sum.box_mean(REACH_PIXELS)
+        sum.box_mean(REACH_PIXELS, true)
     });
     mean.transpose()
 }

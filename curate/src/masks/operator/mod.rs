@@ -215,8 +215,11 @@ impl SearchResult {
 
     /// Judges where the scene goes by below the horizon alone, by people: a rock in a river keeps its place too.
     fn below(people: Option<Mask>, pairs: usize) -> Self {
-        let judged = Self::of(None, people, pairs);
+        let mut judged = Self::of(None, people, pairs);
         if judged.finding == OperatorFinding::Found {
+            judged.reason = "people stay in the camera's frame while the scene goes by below the horizon; outlines \
+                             are not judged there"
+                .to_owned();
             return judged;
         }
         let reason = "the scene goes by below the horizon alone, where only people are judged";

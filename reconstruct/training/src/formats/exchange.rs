@@ -166,7 +166,10 @@ fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static SplatFormat, StoreError
     let name = name.to_ascii_lowercase();
     let is_of = |format: &&SplatFormat| match format.name {
         // Any bytes are rows of it, those of a renamed PLY too.
-        "splat" => name.ends_with(format.ending) && !bytes.starts_with(b"ply\n"),
+        "splat" => {
+            let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
+            name.ends_with(format.ending) && !is_ply
+        }
         "compressed-ply" => compressed_ply::is_compressed(bytes),
         "sog" => name.ends_with(format.ending) || name == sog::RECORD_FILE,
         _ => name.ends_with(format.ending),
