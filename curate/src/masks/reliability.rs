@@ -76,7 +76,14 @@ pub const MEASURED: &[Measurement] = &[
         clip: "congo_stereo",
         half: Half::Development,
         target: Target::Moving,
-        iou: 0.040,
+        iou: 0.480,
+    },
+    Measurement {
+        detector: "residual",
+        clip: "bikes",
+        half: Half::Test,
+        target: Target::Moving,
+        iou: 0.390,
     },
     Measurement {
         detector: "deeplab",
@@ -98,6 +105,20 @@ pub const MEASURED: &[Measurement] = &[
         half: Half::Development,
         target: Target::Operator,
         iou: 0.056,
+    },
+    Measurement {
+        detector: "operator",
+        clip: "tunnel",
+        half: Half::Development,
+        target: Target::Operator,
+        iou: 0.799,
+    },
+    Measurement {
+        detector: "operator",
+        clip: "reef",
+        half: Half::Test,
+        target: Target::Operator,
+        iou: 0.0,
     },
 ];
 
