@@ -109,10 +109,11 @@ fn an_honest_submission_is_added_once() {
 
     // Another method of the same name, which would be the same row.
     let theirs = again.path().join("theirs");
-    submit(&CARD.replace("A. Author", "C. Other"), &theirs).succeeded();
+    let card = CARD.replace("A. Author", "C. Other");
+    submit(&card.replace("B. Author", "D. Other"), &theirs).succeeded();
     let message = add(&theirs, &results, "0").failed_quietly(2).to_owned();
     assert!(
-        message.contains("is by C. Other, B. Author")
+        message.contains("is by C. Other, D. Other")
             && message.contains("another method needs another name"),
         "{message}"
     );
