@@ -67,7 +67,7 @@ fn seeds(group: &Group<'_>) -> Option<String> {
     })
 }
 
-/// Returns the hashes of the scored files of a result; `None` where they are unknown or there are none.
+/// Returns the hashes of the scored files of a result; `None` without known files.
 fn views(result: &ResultRecord) -> Option<Vec<&str>> {
     let files: &[ScoredFile] = &result.predictions.as_ref()?.files;
     let hashes = files.iter().map(|file| file.sha256.as_str());

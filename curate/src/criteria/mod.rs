@@ -79,7 +79,7 @@ pub struct Profile {
 /// The criteria of the OmniLife360 dataset (section 3.1 of its paper): native ERP, at least 4K, at least 30 fps, raw
 /// duration over 30 s, no prominent artificial overlays. 4K means a width of 3840 pixels, the narrowest that carries
 /// the name. Ours are: the prominent size of an overlay, the time limit of mosaics, undamaged decoding. Overlays are
-/// reported alone, because their detector is far from a precision and recall of 0.9 on labelled footage.
+/// reported alone, because their detector has not reached a precision and recall of 0.9 on unseen labels.
 pub const OMNILIFE360: Profile = Profile {
     id: "omnilife360",
     summary: "The OmniLife360 dataset, section 3.1 of its paper: native ERP, 4K, 30 fps, over 30 s.",

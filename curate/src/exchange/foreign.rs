@@ -92,12 +92,9 @@ impl FramePixels {
     /// alone, as of programs that turn images.
     ///
     /// # Errors
-    /// When its EXIF data cannot be read.
-    pub(super) fn of(
-        self,
-        mut image: ImageFile<'_>,
-        camera: [usize; 2],
-    ) -> Result<Self, StoreError> {
+    /// When it cannot be opened, or its EXIF data cannot be read.
+    pub(super) fn of(self, image: &Path, camera: [usize; 2]) -> Result<Self, StoreError> {
+        let mut image = ImageFile::open(image)?;
         Ok(match self {
             Self::Stored if image.size() != camera && image.shown_size()? == camera => Self::Shown,
             own => own,

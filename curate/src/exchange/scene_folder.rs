@@ -171,11 +171,8 @@ fn write(
     let (mut unusual, mut masks) = (UnusualFrames::default(), MaskSurvey::default());
     let camera = source.scene.camera.camera();
     for ((frame, name), time_seconds) in source.scene.frames.iter().zip(names).zip(times) {
-        let still = source
-            .scene
-            .stills
-            .get(&frame.image)
-            .map(|(still, _)| still);
+        let still = source.scene.stills.get(&frame.image);
+        let still = still.map(|(still, _)| still);
         let placement = still.and_then(|still| still.placement.as_ref());
         let lens = source.straightening.as_ref();
         let view = (source.scene.drive.as_ref()).and_then(|drive| drive.view(&frame.image));
@@ -185,8 +182,7 @@ fn write(
                 FrameImage::resampled(frame, name, (own, common), out)?
             }
             _ => {
-                let pixels = ImageFile::open(&frame.image)?;
-                let pixels = source.scene.pixels.of(pixels, camera.size())?;
+                let pixels = source.scene.pixels.of(&frame.image, camera.size())?;
                 FrameImage::import(frame, name, (lens, placement, pixels), out)?
             }
         };
@@ -341,7 +337,7 @@ fn check_size(scene: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateEr
     }
     let view = (scene.drive.as_ref()).and_then(|drive| drive.view(&frame.image));
     let expected = view.map_or_else(|| scene.camera.camera().size(), |view| view.size);
-    let pixels = (scene.pixels).of(ImageFile::open(&frame.image)?, expected)?;
+    let pixels = scene.pixels.of(&frame.image, expected)?;
     let [width, height] = pixels.size(ImageFile::open(&frame.image)?)?;
     if [width, height] == expected {
         return Ok(());

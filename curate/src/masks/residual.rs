@@ -147,7 +147,8 @@ pub(super) fn compared_image(
     smoothed.map_err(|error| CurateError::internal(&path, error))
 }
 
-fn smoothed(sphere: &GreySphere) -> opencv::Result<GreySphere> {
+/// Smooths a panorama for comparisons.
+pub(super) fn smoothed(sphere: &GreySphere) -> opencv::Result<GreySphere> {
     let smooth = luma(sphere).blurred(SMOOTHING_PIXELS, true)?;
     Ok(GreySphere::of_luma(sphere.width(0), smooth.values))
 }

@@ -170,6 +170,9 @@ impl CaptionPass {
         runs.retain(|at, _| marks[*at]);
         let area_of = |at: &usize| grid.steradians(at / grid.width);
         let all: f64 = runs.keys().map(area_of).sum();
+        if all < LEAST_STROKES_STERADIANS {
+            return Vec::new();
+        }
         let group = |region: &Region| {
             let strokes: Vec<usize> = (region.pixels.iter().copied())
                 .filter(|at| marks[*at])

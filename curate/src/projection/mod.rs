@@ -24,7 +24,7 @@ use omnilife_schemas::{
     records::{DetectedProjection, Evidence, Probe, SphereTurn, VideoProjection},
     statistics,
 };
-use omnilife_video::Rgb8Image;
+use omnilife_video::{CUBEMAP, OTHER_CUBEMAP, Rgb8Image};
 
 /// One measurement for the projection.
 pub struct ProjectionTest {
@@ -232,9 +232,7 @@ fn by_metadata(probe: &Probe) -> Option<(VideoProjection, String)> {
         ("equirectangular", "side by side") => VideoProjection::ErpStereoLr,
         ("equirectangular", _) if aspect::is_two_to_one(probe) => VideoProjection::Erp,
         ("equirectangular", _) => VideoProjection::ErpSqueezed,
-        ("cubemap" | "cubemap of another layout" | "equiangular cubemap", _) => {
-            VideoProjection::Eac
-        }
+        (CUBEMAP | OTHER_CUBEMAP | "equiangular cubemap", _) => VideoProjection::Eac,
         ("fisheye", _) => VideoProjection::Fisheye,
         ("rectilinear", _) => VideoProjection::Rectilinear,
         // A mesh is an arbitrary map from image to sphere; nothing here reads it.

@@ -28,7 +28,7 @@ pub use luma::LumaImage;
 pub use pixel_format::PixelFormat;
 pub use probe::probe;
 pub use raw_fields::Colour;
-pub use spherical_boxes::count_statements;
+pub use spherical_boxes::{CUBEMAP, OTHER_CUBEMAP, count_statements};
 pub use versions::versions;
 pub use writing::{
     mp4::{Projection, Quality},

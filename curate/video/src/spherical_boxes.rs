@@ -24,9 +24,9 @@ const V1_UUID: [u8; 16] = [
 const MOST_XML_BYTES: u64 = 1 << 20;
 
 /// Faces without padding in the layout that is defined: right, left and up above down, front and back.
-pub(super) const CUBEMAP: &str = "cubemap";
+pub const CUBEMAP: &str = "cubemap";
 /// Faces with padding, or in another layout.
-pub(super) const OTHER_CUBEMAP: &str = "cubemap of another layout";
+pub const OTHER_CUBEMAP: &str = "cubemap of another layout";
 
 /// Content of one version of the metadata, in FFmpeg's names.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

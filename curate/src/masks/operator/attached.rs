@@ -201,8 +201,8 @@ mod tests {
             grown_from(&core, &seen).expect("filtered").data[95 * WIDTH + 93]
         };
         assert_eq!([share(3), share(4)], [0, 255]);
-        let nobody = Mask::new(WIDTH, HEIGHT, vec![0; WIDTH * HEIGHT]);
-        assert!(!grown_from(&nobody, &[]).expect("filtered").marks_anything());
+        let empty = Mask::new(WIDTH, HEIGHT, vec![0; WIDTH * HEIGHT]);
+        assert!(!grown_from(&empty, &[]).expect("filtered").marks_anything());
     }
 
     #[test]

@@ -24,8 +24,6 @@ use crate::{
 
 /// Columns of the compared images.
 pub(super) const WIDTH: usize = 256;
-/// Smoothing of the images, pixels.
-const SMOOTHING_PIXELS: f32 = 0.7;
 /// Smoothing that leaves the slow shades of a smoothed image, pixels: 4 degrees.
 pub(super) const SHADES_PIXELS: f32 = 3.0;
 /// Evidence counts within so many rows and columns of that without slow shades.
@@ -93,12 +91,6 @@ impl GoesBy {
 /// Returns the first row of the part below the horizon.
 fn below(height: usize) -> usize {
     (BELOW * height as f64) as usize
-}
-
-/// Smooths an image for the comparison.
-pub(super) fn smoothed(image: &GreySphere) -> opencv::Result<GreySphere> {
-    let smooth = luma(image).blurred(SMOOTHING_PIXELS, true)?;
-    Ok(GreySphere::of_luma(image.width(0), smooth.values))
 }
 
 /// Measures the evidence in pairs of smoothed images, each with the one a second later; `None` if the camera stands.

@@ -25,7 +25,7 @@ use omnilife_schemas::{
 };
 
 use self::{caps::Cap, evidence::GoesBy, region::Region};
-use super::{deeplab, dynamic_share, reliability, reliability::Target};
+use super::{deeplab, dynamic_share, reliability, reliability::Target, residual};
 use crate::{error::CurateError, motion::GreySphere};
 
 /// Id of the detector in [`reliability`].
@@ -362,7 +362,7 @@ fn pairs(times: &[f64]) -> Vec<[usize; 2]> {
 fn read(folder: &Path, sequence: &Sequence, index: usize) -> Result<GreySphere, CurateError> {
     let path = folder.join(&sequence.frames.entries[index].file);
     let image = GreySphere::new(&RgbImage::read(&path)?, evidence::WIDTH);
-    evidence::smoothed(&image).map_err(|error| CurateError::internal(&path, error))
+    residual::smoothed(&image).map_err(|error| CurateError::internal(&path, error))
 }
 
 /// Returns the mask of a region at the size of the frames, and an image of the frame in the middle of the sequence.
