@@ -234,17 +234,22 @@ def evidence(frames):
     turn = math.pi * (3 - math.sqrt(5)) * np.arange(60)
     axes = np.stack([np.sqrt(1 - y * y) * np.cos(turn), y, np.sqrt(1 - y * y) * np.sin(turn)], 1)[y >= 0]
     cost = lambda axis: (staying(change, along(few, axis), axis, 0.05) * AREA).sum()
-    axis = min(axes, key=cost)
+    costs = np.array([cost(axis) for axis in axes])
+    axis = axes[costs.argmin()]
     for step in (0.09, 0.045):
         first = np.cross(axis, [0.3, 0.5, 0.8])
         first /= np.linalg.norm(first)
         second = np.cross(axis, first)
         beside = [math.cos(k * math.pi / 3) * first + math.sin(k * math.pi / 3) * second for k in range(6)]
         axis = min([axis, *(math.cos(step) * axis + math.sin(step) * way for way in beside)], key=cost)
-    moved = along(images[::2], axis)
+    likely = [axis]
+    for other in axes[np.argsort(costs)][:(costs <= 1.1 * cost(axis)).sum()]:
+        if all(abs(other @ one) < math.cos(0.2) for one in likely):
+            likely.append(other)
     sharp = images - blurred(images, 3.0)
-    sharp = staying(over_time(sharp), along(sharp[::2], axis), axis, 0.35)
-    return staying(change, moved, axis, 0.35), sharp, median_on_sphere(change / (moved + NOISE))
+    least = lambda compared: np.min([staying(over_time(compared), along(compared[::2], one), one, 0.35)
+                                     for one in likely], axis=0)
+    return least(images), least(sharp), median_on_sphere(change / (along(images[::2], axis) + NOISE))
 
 
 def joined_around(marked, tops):

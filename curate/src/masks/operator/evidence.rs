@@ -3,7 +3,8 @@
 //! Carried content looks the same a second later. So does a rail or a wall along the camera's path, which looks the same
 //! all along it. They differ by how much the image would change if it were moved along the path: a rail would not, the
 //! outline of a helmet would. The path is found by that, too: along the wrong axis every rail would seem to be carried,
-//! so that the axis with the least evidence over the whole sphere is the path's. Its two directions are alike.
+//! so that the axis with the least evidence over the whole sphere is the path's. Its two directions are alike. Where other
+//! axes have hardly more, any of them may be the path's: what is carried stays along all of them.
 //!
 //! The haze of an even floor, or its shade towards the sun, is an appearance that stays too. It has no outline: evidence
 //! counts where it is left beside what stays of the images without their slow shades.
@@ -49,6 +50,9 @@ const BELOW: f64 = 0.5 + 15.0 / 180.0;
 /// Number of axes over half the sphere that are tried first, and steps by which the best is refined, radians.
 const AXES: usize = 140;
 const REFINEMENTS: [f32; 3] = [0.09, 0.045, 0.022];
+/// Axes with up to this many times the least evidence may be the path's, if they are so far apart, radians.
+const LIKELY: f32 = 1.1;
+const APART_RADIANS: f32 = 0.2;
 /// Number of frames that axes are tried on, and that the result is measured on.
 const TRIED_FRAMES: usize = 3;
 const MEASURED_FRAMES: usize = 12;
@@ -104,13 +108,18 @@ pub(super) fn measure(pairs: &[[&GreySphere; 2]]) -> opencv::Result<Option<Evide
         return Ok(None);
     }
     let directions = residual::directions(over_time.width);
-    let axis = best_axis(&over_time, &spread(&images, TRIED_FRAMES), &directions)?;
-    let along = change_along(&spread(&images, MEASURED_FRAMES), axis, &directions)?;
+    let axes = likely_axes(&over_time, &spread(&images, TRIED_FRAMES), &directions)?;
+    let along = change_along(&spread(&images, MEASURED_FRAMES), axes[0], &directions)?;
     let Some(goes_by) = GoesBy::of(&over_time, &along) else {
         return Ok(None);
     };
-    let stays = staying([&over_time, &along], axis, &directions, LEAST_SINE);
-    let sharp = sharp_staying(pairs, axis, &directions)?;
+    let stays = staying_along_all(pairs, &axes, &directions)?;
+    let sharp: opencv::Result<Vec<[GreySphere; 2]>> = (pairs.iter())
+        .map(|[first, second]| Ok([without_shades(first)?, without_shades(second)?]))
+        .collect();
+    let sharp = sharp?;
+    let compared: Vec<[&GreySphere; 2]> = sharp.iter().map(|[a, b]| [a, b]).collect();
+    let sharp = staying_along_all(&compared, &axes, &directions)?;
     let stays = near_sharp(stays, &sharp)?;
     Ok(Some(Evidence {
         stays,
@@ -119,22 +128,36 @@ pub(super) fn measure(pairs: &[[&GreySphere; 2]]) -> opencv::Result<Option<Evide
     }))
 }
 
-/// Returns the evidence of each pixel in smoothed images without their slow shades, along a path that is known.
-fn sharp_staying(
+/// Returns the least evidence of each pixel along any of the axes.
+fn staying_along_all(
     pairs: &[[&GreySphere; 2]],
-    axis: Vec3,
+    axes: &[Vec3],
     directions: &[Vec3],
 ) -> opencv::Result<Field> {
-    let of_pair = |[first, second]: &[&GreySphere; 2]| -> opencv::Result<[GreySphere; 2]> {
-        Ok([without_shades(first)?, without_shades(second)?])
+    let images: Vec<&GreySphere> = pairs.iter().map(|[first, _]| *first).collect();
+    let images = spread(&images, MEASURED_FRAMES);
+    let over_time = change_over_time(pairs)?.unwrap_or_else(|| nowhere(directions));
+    let of_axis = |&axis: &Vec3| {
+        let along = change_along(&images, axis, directions)?;
+        Ok(staying([&over_time, &along], axis, directions, LEAST_SINE))
     };
-    let sharp: opencv::Result<Vec<[GreySphere; 2]>> = pairs.iter().map(of_pair).collect();
-    let sharp = sharp?;
-    let compared: Vec<[&GreySphere; 2]> = sharp.iter().map(|[a, b]| [a, b]).collect();
-    let firsts: Vec<&GreySphere> = sharp.iter().map(|[first, _]| first).collect();
-    let along = change_along(&spread(&firsts, MEASURED_FRAMES), axis, directions)?;
-    let over_time = change_over_time(&compared)?.unwrap_or_else(|| along.clone());
-    Ok(staying([&over_time, &along], axis, directions, LEAST_SINE))
+    let stays: opencv::Result<Vec<Field>> = axes.par_iter().map(of_axis).collect();
+    let least = stays?.into_iter().reduce(|mut least, stays| {
+        for (least, stays) in least.values.iter_mut().zip(stays.values) {
+            *least = least.min(stays);
+        }
+        least
+    });
+    Ok(least.unwrap_or_else(|| nowhere(directions)))
+}
+
+/// Returns a field of zeros.
+fn nowhere(directions: &[Vec3]) -> Field {
+    Field {
+        width: WIDTH,
+        height: WIDTH / 2,
+        values: vec![0.0; directions.len()],
+    }
 }
 
 fn without_shades(image: &GreySphere) -> opencv::Result<GreySphere> {
@@ -222,12 +245,7 @@ fn change_along(images: &[&GreySphere], axis: Vec3, directions: &[Vec3]) -> open
             }
         })
     });
-    let empty = Field {
-        width: WIDTH,
-        height: WIDTH / 2,
-        values: vec![0.0; directions.len()],
-    };
-    Ok(mean(changes.collect())?.unwrap_or(empty))
+    Ok(mean(changes.collect())?.unwrap_or_else(|| nowhere(directions)))
 }
 
 /// Returns the part of an axis at right angles to a direction; its length is the sine of the angle between them.
@@ -263,23 +281,26 @@ fn staying(
     }
 }
 
-/// Returns the axis with the least evidence over the sphere.
-fn best_axis(
+/// Returns the axis with the least evidence over the sphere, and after it those with hardly more.
+fn likely_axes(
     over_time: &Field,
     images: &[&GreySphere],
     directions: &[Vec3],
-) -> opencv::Result<Vec3> {
+) -> opencv::Result<Vec<Vec3>> {
     let cost = |axis: Vec3| -> opencv::Result<(f32, Vec3)> {
         let along = change_along(images, axis, directions)?;
         let stays = staying([over_time, &along], axis, directions, LEAST_SINE_TRIED);
         Ok((weighted_sum(&stays), axis))
     };
-    let best_of = |axes: Vec<Vec3>| -> opencv::Result<Option<(f32, Vec3)>> {
-        let costs: Vec<(f32, Vec3)> = axes.into_par_iter().map(cost).collect::<Result<_, _>>()?;
-        Ok(costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)))
+    let by_cost = |axes: Vec<Vec3>| -> opencv::Result<Vec<(f32, Vec3)>> {
+        let mut costs: Vec<(f32, Vec3)> =
+            axes.into_par_iter().map(cost).collect::<Result<_, _>>()?;
+        costs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Ok(costs)
     };
     let half = even_directions(2 * AXES).filter(|axis| axis.y >= 0.0);
-    let mut best = best_of(half.collect())?.unwrap_or((0.0, Vec3::Z));
+    let tried = by_cost(half.collect())?;
+    let mut best = tried.first().copied().unwrap_or((0.0, Vec3::Z));
     for step in REFINEMENTS {
         let (first, second) = best.1.any_orthonormal_pair();
         let around = (0..8).map(|turn| {
@@ -287,11 +308,19 @@ fn best_axis(
             let about = angle.cos() * first + angle.sin() * second;
             Quat::from_axis_angle(about, step) * best.1
         });
-        if let Some(better) = best_of(around.collect())?.filter(|found| found.0 < best.0) {
+        let better = by_cost(around.collect())?.first().copied();
+        if let Some(better) = better.filter(|found| found.0 < best.0) {
             best = better;
         }
     }
-    Ok(best.1)
+    let mut likely = vec![best.1];
+    for (_, axis) in tried.iter().filter(|(cost, _)| *cost <= LIKELY * best.0) {
+        let is_apart = |other: &Vec3| axis.dot(*other).abs() < APART_RADIANS.cos();
+        if likely.iter().all(is_apart) {
+            likely.push(*axis);
+        }
+    }
+    Ok(likely)
 }
 
 /// Returns the sum over the sphere, weighted by the cosine of latitude.
@@ -306,6 +335,9 @@ fn weighted_sum(field: &Field) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
     use super::*;
 
     const HELMET_TOP: f32 = 0.6;
@@ -347,6 +379,41 @@ mod tests {
             }
         }
         assert!(on_plate > 10.0 * elsewhere, "{on_plate} {elsewhere}");
+    }
+
+    /// Waves of which every frame has others, and two parts of a floor that stay: the lines of one run along x, those of
+    /// the other along z.
+    fn floors(frame: u64) -> GreySphere {
+        let mut noise = Pcg64Mcg::seed_from_u64(frame);
+        let level = |direction: Vec3| {
+            let waves = 0.5 + 0.2 * noise.random_range(-1.0..1.0_f32);
+            let lines = |across: f32| 0.5 + 0.2 * (18.0 * direction.y.atan2(across)).sin();
+            let is_low = direction.y > 0.5;
+            match (is_low && direction.x > 0.4, is_low && direction.z > 0.4) {
+                (true, false) => lines(direction.z),
+                (false, true) => lines(direction.x),
+                _ => waves,
+            }
+        };
+        let levels = residual::directions(WIDTH).into_iter().map(level);
+        GreySphere::of_luma(WIDTH, levels.collect())
+    }
+
+    #[test]
+    fn what_stays_along_one_of_two_likely_paths_is_not_carried() {
+        let images: Vec<GreySphere> = (0..7).map(floors).collect();
+        let pairs: Vec<[&GreySphere; 2]> = (images.windows(2))
+            .map(|pair| [&pair[0], &pair[1]])
+            .collect();
+        let directions = residual::directions(WIDTH);
+        let along = |axis: Vec3| {
+            let stays = staying_along_all(&pairs, &[axis], &directions).expect("filtered");
+            weighted_sum(&stays)
+        };
+        let evidence = measure(&pairs).expect("filtered").expect("it moves");
+        let all = weighted_sum(&evidence.stays);
+        let least = along(Vec3::X).min(along(Vec3::Z));
+        assert!(all < 0.5 * least, "{all} {least}");
     }
 
     /// A field with one value above the part below the horizon, and one in it.
