@@ -280,6 +280,28 @@ mod tests {
     }
 
     #[test]
+    fn other_light_below_an_open_sky_is_no_passage() {
+        let times: Vec<f64> = (0..150).map(|frame| f64::from(frame) / 25.0).collect();
+        let step = |before: f32, after: f32| [[before; 75], [after; 75]].concat();
+        let contrast = |open_after: f32| {
+            let columns = [
+                step(0.9, open_after),
+                step(0.0, 1.0),
+                step(0.3, 0.3),
+                step(0.3, 0.3),
+            ];
+            let table = Table {
+                times: &times,
+                columns: columns.each_ref().map(Vec::as_slice),
+            };
+            table.contrast(75, SETTINGS.half_passages_seconds[0])
+        };
+        assert_eq!(contrast(0.9), None);
+        let closes = contrast(0.0).expect("a passage");
+        assert!((closes + 0.9).abs() < 0.1, "{closes}");
+    }
+
+    #[test]
     fn a_passage_is_found_to_the_frame_and_a_place_that_stays_gives_none() {
         let found = boundaries(|frame| frame >= 70);
         assert_eq!(found.len(), 1, "{found:?}");

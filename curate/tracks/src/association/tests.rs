@@ -159,3 +159,19 @@ fn sizes_tell_what_places_do_not() {
         );
     }
 }
+
+#[test]
+fn sizes_count_by_the_logarithm_of_their_ratio() {
+    let of_size = |size: f64| Sighting {
+        seconds: 0.0,
+        place: DVec2::ZERO,
+        size,
+        is_cut: false,
+    };
+    let alike = of_size(2.0).size_likeness(&of_size(2.0));
+    let expected = 0.5 * (1.5_f64.ln() / SIZE_SPREAD).powi(2);
+    for (one, other) in [(2.0, 3.0), (3.0, 2.0)] {
+        let lost = alike - of_size(one).size_likeness(&of_size(other));
+        assert!((lost - expected).abs() < 1e-12, "{lost} {expected}");
+    }
+}

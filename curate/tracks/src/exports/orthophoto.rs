@@ -337,3 +337,28 @@ fn colour(frames: &[OpenFrame], ground: Plane, place: DVec3) -> [u8; 4] {
     };
     [channel(0), channel(1), channel(2), 255]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_on_the_ground_have_the_metres_that_they_are_of() {
+        let up = dvec3(0.1, 0.2, 1.0).normalize();
+        let map = GroundMap {
+            rotation: DMat3::from_rotation_y(0.4) * DMat3::from_rotation_z(1.1),
+            scale: 2.5,
+            offset: dvec3(30.0, -12.0, 4.0),
+            ground: Plane {
+                normal: up,
+                offset: -0.7,
+            },
+            georeference: None,
+        };
+        for place in [dvec2(0.0, 0.0), dvec2(-5.0, 8.0)] {
+            let world = map.on_ground(place);
+            assert!(map.ground.height(world).abs() < 1e-9);
+            assert!((map.metres(world).truncate() - place).length() < 1e-9);
+        }
+    }
+}
