@@ -247,8 +247,13 @@ def evidence(frames):
         if all(abs(other @ one) < math.cos(0.2) for one in likely):
             likely.append(other)
     sharp = images - blurred(images, 3.0)
-    least = lambda compared: np.min([staying(over_time(compared), along(compared[::2], one), one, 0.35)
-                                     for one in likely], axis=0)
+    def stays_along(compared, one):
+        """Returns the evidence along an axis; all but the best one tell nothing of what is near their ends."""
+        stays = staying(over_time(compared), along(compared[::2], one), one, 0.35 if one is axis else 0)
+        near_ends = (DIRECTION @ one) ** 2 >= 1 - 0.35 ** 2
+        return np.where(near_ends & (one is not axis), np.inf, stays)
+
+    least = lambda compared: np.min([stays_along(compared, one) for one in likely], axis=0)
     return least(images), least(sharp), median_on_sphere(change / (along(images[::2], axis) + NOISE))
 
 

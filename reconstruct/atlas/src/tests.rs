@@ -44,6 +44,16 @@ fn wave(count: usize, phase: f64, size: f64) -> Vec<f32> {
 }
 
 pub(super) fn field(dimensions: usize, outputs: usize, phase: f64) -> GridField {
+    field_of_sizes(dimensions, outputs, phase, [0.1, 0.7])
+}
+
+/// Returns a field with features and weights of some sizes.
+pub(super) fn field_of_sizes(
+    dimensions: usize,
+    outputs: usize,
+    phase: f64,
+    [features, factors]: [f64; 2],
+) -> GridField {
     let shape = GridFieldShape {
         grid: HashGridShape {
             upper_edge: UpperEdge::Aliased,
@@ -57,8 +67,8 @@ pub(super) fn field(dimensions: usize, outputs: usize, phase: f64) -> GridField 
     let table = shape.parameter_count() - weights;
     GridField::with_parameters(
         shape,
-        wave(table, phase, 0.1),
-        wave(weights, phase + 0.5, 0.7),
+        wave(table, phase, features),
+        wave(weights, phase + 0.5, factors),
     )
 }
 

@@ -204,11 +204,11 @@ fn compare_on(gpu: &Arc<Gpu>, what: &str, scene: &TrainingScene, settings: &Trai
     ];
     let [gpu, cpu] = sums.each_ref().map(|sums| (sums.loss, sums.squared_error));
     assert!(
-        (gpu.0 - cpu.0).abs() < 2e-3 * cpu.0.abs(),
+        (gpu.0 - cpu.0).abs() < 1e-5 * cpu.0.abs(),
         "{what}: {gpu:?} {cpu:?}"
     );
     assert!(
-        (gpu.1 - cpu.1).abs() < 2e-3 * cpu.1,
+        (gpu.1 - cpu.1).abs() < 1e-5 * cpu.1,
         "{what}: {gpu:?} {cpu:?}"
     );
     assert_eq!(sums[0].refused, vec![0; rates.len()], "{what}");

@@ -114,7 +114,7 @@ fn compare_steps(gpu: &Arc<Gpu>) {
         (of_gpu.loss, of_cpu.loss),
         (of_gpu.squared_error, of_cpu.squared_error),
     ] {
-        assert!((gpu - cpu).abs() < 1e-3 * cpu, "{gpu} against {cpu}");
+        assert!((gpu - cpu).abs() < 1e-5 * cpu, "{gpu} against {cpu}");
     }
     assert_eq!(of_gpu.refused, [0; 6]);
     let view = &scene.novel_views[0].view;
@@ -289,7 +289,7 @@ fn steps_with_objects_are_those_of_the_cpu() {
     let statistics = on_gpu.take_statistics().unwrap();
     assert_eq!(statistics.refused, vec![0; rates.len()]);
     let of_cpu = on_cpu.take_statistics().unwrap();
-    assert!((statistics.loss - of_cpu.loss).abs() < 1e-3 * of_cpu.loss);
+    assert!((statistics.loss - of_cpu.loss).abs() < 1e-5 * of_cpu.loss);
     let view = &scene.novel_views[0].view;
     let images = [on_gpu.image(view, 0), on_cpu.image(view, 0)].map(Result::unwrap);
     assert_images_agree(&images[0], &images[1]);

@@ -412,7 +412,7 @@ fn a_training_with_kernels_from_outside_is_that_of_the_cpu() {
         (loss, learnt_velocity(&mut outcome))
     });
     // The same tolerance as for other methods.
-    assert!((gpu.0 - cpu.0).abs() < 2e-3 * cpu.0, "{gpu:?} {cpu:?}");
+    assert!((gpu.0 - cpu.0).abs() < 1e-5 * cpu.0, "{gpu:?} {cpu:?}");
     let apart = gpu.1.distance(cpu.1);
     assert!(apart < 0.05 * VELOCITY.length(), "{gpu:?} {cpu:?}");
 }

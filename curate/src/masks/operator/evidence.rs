@@ -109,17 +109,17 @@ pub(super) fn measure(pairs: &[[&GreySphere; 2]]) -> opencv::Result<Option<Evide
     }
     let directions = residual::directions(over_time.width);
     let axes = likely_axes(&over_time, &spread(&images, TRIED_FRAMES), &directions)?;
-    let along = change_along(&spread(&images, MEASURED_FRAMES), axes[0], &directions)?;
-    let Some(goes_by) = GoesBy::of(&over_time, &along) else {
+    let along = changes_along(&images, &axes, &directions)?;
+    let Some(goes_by) = GoesBy::of(&over_time, &along[0]) else {
         return Ok(None);
     };
-    let stays = staying_along_all(pairs, &axes, &directions)?;
+    let stays = staying_along_all(&over_time, &along, &axes, &directions);
     let sharp: opencv::Result<Vec<[GreySphere; 2]>> = (pairs.iter())
         .map(|[first, second]| Ok([without_shades(first)?, without_shades(second)?]))
         .collect();
     let sharp = sharp?;
     let compared: Vec<[&GreySphere; 2]> = sharp.iter().map(|[a, b]| [a, b]).collect();
-    let sharp = staying_along_all(&compared, &axes, &directions)?;
+    let sharp = staying_in(&compared, &axes, &directions)?;
     let stays = near_sharp(stays, &sharp)?;
     Ok(Some(Evidence {
         stays,
@@ -128,27 +128,53 @@ pub(super) fn measure(pairs: &[[&GreySphere; 2]]) -> opencv::Result<Option<Evide
     }))
 }
 
-/// Returns the least evidence of each pixel along any of the axes.
-fn staying_along_all(
+/// Returns the evidence of each pixel in pairs of images, along all of the axes.
+fn staying_in(
     pairs: &[[&GreySphere; 2]],
     axes: &[Vec3],
     directions: &[Vec3],
 ) -> opencv::Result<Field> {
     let images: Vec<&GreySphere> = pairs.iter().map(|[first, _]| *first).collect();
-    let images = spread(&images, MEASURED_FRAMES);
     let over_time = change_over_time(pairs)?.unwrap_or_else(|| nowhere(directions));
-    let of_axis = |&axis: &Vec3| {
-        let along = change_along(&images, axis, directions)?;
-        Ok(staying([&over_time, &along], axis, directions, LEAST_SINE))
-    };
-    let stays: opencv::Result<Vec<Field>> = axes.par_iter().map(of_axis).collect();
-    let least = stays?.into_iter().reduce(|mut least, stays| {
-        for (least, stays) in least.values.iter_mut().zip(stays.values) {
-            *least = least.min(stays);
+    let along = changes_along(&images, axes, directions)?;
+    Ok(staying_along_all(&over_time, &along, axes, directions))
+}
+
+/// Returns the mean change of images along each axis.
+fn changes_along(
+    images: &[&GreySphere],
+    axes: &[Vec3],
+    directions: &[Vec3],
+) -> opencv::Result<Vec<Field>> {
+    let images = spread(images, MEASURED_FRAMES);
+    let along = |&axis: &Vec3| change_along(&images, axis, directions);
+    axes.par_iter().map(along).collect()
+}
+
+/// Returns the least evidence of each pixel along the axes.
+///
+/// Nothing is evidence near the ends of the first axis, the best; an other axis tells nothing of what is near its ends.
+fn staying_along_all(
+    over_time: &Field,
+    along: &[Field],
+    axes: &[Vec3],
+    directions: &[Vec3],
+) -> Field {
+    let mut least = nowhere(directions);
+    for (index, (along, &axis)) in along.iter().zip(axes).enumerate() {
+        if index == 0 {
+            least = staying([over_time, along], axis, directions, LEAST_SINE);
+            continue;
         }
-        least
-    });
-    Ok(least.unwrap_or_else(|| nowhere(directions)))
+        let stays = staying([over_time, along], axis, directions, 0.0);
+        let pixels = least.values.iter_mut().zip(stays.values).zip(directions);
+        for ((least, stays), &direction) in pixels {
+            if tangent(axis, direction).length() > LEAST_SINE {
+                *least = least.min(stays);
+            }
+        }
+    }
+    least
 }
 
 /// Returns a field of zeros.
@@ -407,7 +433,7 @@ mod tests {
             .collect();
         let directions = residual::directions(WIDTH);
         let along = |axis: Vec3| {
-            let stays = staying_along_all(&pairs, &[axis], &directions).expect("filtered");
+            let stays = staying_in(&pairs, &[axis], &directions).expect("filtered");
             weighted_sum(&stays)
         };
         let evidence = measure(&pairs).expect("filtered").expect("it moves");

@@ -5,7 +5,7 @@ use omnilife_engine::device::GpuError;
 use super::*;
 use crate::{
     node::{Fields, Node, Surface},
-    tests::{field, scene, texture},
+    tests::{field, field_of_sizes, scene, texture},
 };
 
 const RAYS_OF_TEST: usize = 300;
@@ -17,7 +17,7 @@ const RATES: StepRates = StepRates {
     rescales_gradients: false,
 };
 
-/// Returns a sphere around the scene, with a flow.
+/// Returns a sphere around the scene, with a flow that turns directions by up to tens of degrees.
 fn sphere() -> Node {
     Node {
         id: "sphere".to_owned(),
@@ -29,7 +29,7 @@ fn sphere() -> Node {
         opacity: None,
         fields: Fields {
             colour: Some(field(3, 3, 0.4)),
-            flow: Some(field(3, 12, 0.9)),
+            flow: Some(field_of_sizes(3, 12, 0.9, [0.7, 1.4])),
             ..Fields::default()
         },
         offsets: None,

@@ -5,15 +5,17 @@ mod sphere;
 
 use glam::{DQuat, DVec3, dvec3};
 use omnilife_engine::{
+    camera::Camera,
     gaussians::ActivatedGaussians,
     render::{Visible, cpu::Renderer, raster::RasterGradient, settings::Footprint},
 };
+use omnilife_schemas::camera::PinholeCamera;
 use omnilife_stability::channels::gradient_rows;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use support::{
     reference::{self, Gaussian, RefView, instant, parameter_arrays},
-    scenes::{Richness, erp, pinhole, scene, settings, turned},
+    scenes::{self, Richness, erp, pinhole, scene, settings, turned},
 };
 
 use crate::support;
@@ -137,6 +139,29 @@ fn gradients_are_those_of_the_reference() {
             let view = RefView::new(camera, rotation, centre, settings(footprint));
             check_gradients(&view, &gaussians, &mut random);
         }
+    }
+}
+
+/// Checks a Gaussian that is nearly opaque in every pixel: where opacity is clamped, its gradient is that of the
+/// unclamped one.
+#[test]
+fn gradients_of_an_opaque_gaussian_are_those_of_the_reference() {
+    let mut random = Pcg64Mcg::seed_from_u64(13);
+    let camera = PinholeCamera::with_horizontal_field_of_view(24, 16, 0.05);
+    let (front, back) = (dvec3(0.1, -0.05, 1.0), dvec3(0.0, 0.02, 1.0));
+    let gaussians = [
+        scenes::at(front, 3.0, [0.9, 0.8, 0.7], 0.9999).rounded(),
+        scenes::at(back, 5.0, [0.9, 0.8, 0.7], 0.9999).rounded(),
+    ];
+    for footprint in FOOTPRINTS {
+        let settings = settings(footprint);
+        let view = RefView::new(
+            Camera::Pinhole(camera),
+            DQuat::IDENTITY,
+            DVec3::ZERO,
+            settings,
+        );
+        check_gradients(&view, &gaussians, &mut random);
     }
 }
 
