@@ -5,7 +5,7 @@
 //! `base` is for `schemas`, which exports its modules, `networks` for the crates that run networks, `engine` for the
 //! crates below `reconstruct/`, `video` for `tracks` and `curate`. `tracks` is for the binary and the tests of
 //! `curate`, `stereo` for the crates that match images, `charts` for those that draw, `results` for `leaderboard`, so
-//! that Polars is nowhere else.
+//! that Polars is nowhere else. All have `features`, which has no code.
 //!
 //! Below `reconstruct/`: `engine` <- `training` <- {`methods`, `atlas`} <- `reconstruct` <- `stability`, so that an
 //! edit of a method compiles neither the training nor the other crate of methods again.
@@ -17,6 +17,7 @@ use std::{
 
 use serde_json::Value;
 
+const FEATURES: &str = "omnilife-features";
 const BASE: &str = "omnilife-base";
 const SCHEMAS: &str = "omnilife-schemas";
 const NETWORKS: &str = "omnilife-networks";
@@ -73,7 +74,7 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
     dependencies
         .iter()
         .map(String::as_str)
-        .filter(|name| name.starts_with(BINARY))
+        .filter(|name| name.starts_with(BINARY) && *name != FEATURES)
         .collect()
 }
 
@@ -82,11 +83,23 @@ fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
     known.extend([
         BASE, SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, TRAINING, METHODS, ATLAS, STABILITY,
-        VIDEO, TRACKS, RESULTS, BINARY, PYTHON,
+        VIDEO, TRACKS, RESULTS, BINARY, PYTHON, FEATURES,
     ]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
     assert_eq!(members, known, "a new crate needs its edges in this test");
+}
+
+/// A crate without them compiles its dependencies once more where it is built alone.
+#[test]
+fn every_member_has_the_shared_features() {
+    for (name, dependencies) in dependencies() {
+        assert_eq!(
+            dependencies.contains(FEATURES),
+            name != FEATURES,
+            "{name}: cargo hakari manage-deps adds it"
+        );
+    }
 }
 
 #[test]
