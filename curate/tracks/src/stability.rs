@@ -205,7 +205,7 @@ fn trajectory_fit() -> Checked {
         let views = seen(&times, speed, DVec3::ZERO, camera());
         (name.to_owned(), error_of(&views, count))
     });
-    faults(judged, 0.05)
+    faults(judged, 3e-9)
 }
 
 fn trajectory_far() -> Checked {
@@ -214,7 +214,7 @@ fn trajectory_far() -> Checked {
     let views = seen(&times, 7.0, origin, camera());
     faults(
         [("far".to_owned(), error_of(&views, None))].into_iter(),
-        1e-3,
+        9e-9,
     )
 }
 
@@ -256,12 +256,12 @@ fn trajectory_camera() -> Checked {
     });
     faults(
         judged.chain([("principal point outside".to_owned(), outside)]),
-        0.05,
+        2.5e-13,
     )
 }
 
 fn spline_condition() -> Checked {
-    const LIMIT: f64 = 1e-10;
+    const LIMIT: f64 = 8e-15;
     let (mut bad, mut worst) = (Vec::new(), 0.0_f64);
     for exponent in [3, 6, 9, 12] {
         // A band with a known solution, scaled on both sides by powers that make it as ill-conditioned.

@@ -121,8 +121,8 @@ fn split() -> CaseResult {
     let spread = spread.into_iter().fold(0.0, largest_or_nan);
     CaseResult::of_errors(
         "sizes as the value, second moments of places (by chance 2 %) as the gradient",
-        Some([sizes, 1e-5]),
-        Some([spread, 0.1]),
+        Some([sizes, 2.5e-7]),
+        Some([spread, 0.015]),
     )
 }
 
@@ -146,7 +146,7 @@ fn reset(device: &Device) -> CaseResult {
     let error = errors.fold(0.0, largest_or_nan);
     CaseResult::of_errors(
         "a hundredth at most, lower ones stay",
-        Some([error, 1e-5]),
+        Some([error, 2e-6]),
         None,
     )
 }
@@ -180,7 +180,7 @@ fn sizes_of_points() -> CaseResult {
             worst = largest_or_nan(worst, (f64::from(scale[0]) / expected - 1.0).abs());
         }
     }
-    CaseResult::of_errors("from the three nearest points", Some([worst, 1e-5]), None)
+    CaseResult::of_errors("from the three nearest points", Some([worst, 1e-6]), None)
 }
 
 /// Compares velocities of seeds with that of the disc at their distance, across the line of sight.
@@ -233,7 +233,7 @@ fn velocities_of_seeds() -> CaseResult {
     }
     CaseResult::of_errors(
         "by the middles of masks, whose pixels are half as wide as the disc's way",
-        Some([worst, 0.5]),
+        Some([worst, 0.45]),
         None,
     )
 }
@@ -263,7 +263,7 @@ fn gains() -> CaseResult {
             worst = largest_or_nan(worst, f64::from((found / gain - 1.0).abs()));
         }
     }
-    CaseResult::of_errors("the medians of ratios", Some([worst, 1e-5]), None)
+    CaseResult::of_errors("the medians of ratios", Some([worst, 1e-6]), None)
 }
 
 /// Lets one of four views go down a valley: it ends where the bottom is, against the others.
@@ -291,7 +291,7 @@ fn pose_steps() -> CaseResult {
     let error = errors.fold(0.0, largest_or_nan);
     CaseResult::of_errors(
         "each view ends at the bottom of its own valley",
-        Some([error, 0.05]),
+        Some([error, 6e-6]),
         None,
     )
 }

@@ -177,8 +177,8 @@ fn lifted_scene_size() -> CaseResult {
     }
     CaseResult::of_errors(
         "the same samples, larger or smaller: radii as the value, normals as the gradient",
-        Some([f64::from(radii), 1e-4]),
-        Some([f64::from(turns), 1e-2]),
+        Some([f64::from(radii), 3.5e-6]),
+        Some([f64::from(turns), 1e-5]),
     )
 }
 
@@ -200,7 +200,7 @@ fn rotations() -> CaseResult {
     }
     CaseResult::of_errors(
         "the third axis on the normal",
-        Some([f64::from(worst), 2e-3]),
+        Some([f64::from(worst), 1.4e-3]),
         None,
     )
 }
@@ -292,7 +292,7 @@ fn scaffold_field() -> CaseResult {
     }
     CaseResult::of_errors(
         "distances and their gradient; no value where no surface is near",
-        Some([f64::from(off), 0.05]),
-        Some([f64::from(tilt), 0.3]),
+        Some([f64::from(off), 0.015]),
+        Some([f64::from(tilt), 0.05]),
     )
 }

@@ -31,27 +31,27 @@ use crate::{
 };
 
 /// Limit of gradients computed in f64: ten times the error of five-point differences.
-const EXACT: f64 = 1e-8;
+const EXACT: f64 = 5e-11;
 
 pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "object-gradients",
         title: "gradients of an object as large as the scene, whose heading passes pi",
         runs: Runs::OnBoth,
-        judge: |device| objects::judge(device, 1.0, 1e-5),
+        judge: |device| objects::judge(device, 1.0, 2e-6),
     },
     SpecialCase {
         id: "object-gradients-large",
         title: "gradients of an object a million times as large as the scene",
         runs: Runs::OnBoth,
-        judge: |device| objects::judge(device, 1e6, 1e-5),
+        judge: |device| objects::judge(device, 1e6, 2e-6),
     },
     SpecialCase {
         id: "object-gradients-small",
         title: "gradients of an object a thousandth as large as the scene",
         // The distance from its centre has three digits fewer.
         runs: Runs::OnBoth,
-        judge: |device| objects::judge(device, 1e-3, 2e-3),
+        judge: |device| objects::judge(device, 1e-3, 1e-5),
     },
     SpecialCase {
         id: "plane-gradients",
@@ -63,7 +63,7 @@ pub(super) const CASES: &[SpecialCase] = &[
         id: "plane-gradients-grazing",
         title: "gradients of a hit by ray and pose, of a plane with a cosine of a hundredth",
         runs: Runs::OnCpu(HostOnly::HostWork),
-        judge: |_| plane_gradients(std::f64::consts::FRAC_PI_2 - 0.01, 1e-6),
+        judge: |_| plane_gradients(std::f64::consts::FRAC_PI_2 - 0.01, EXACT),
     },
     SpecialCase {
         id: "sphere-gradients",
@@ -239,7 +239,7 @@ fn angle_gradients() -> CaseResult {
         });
         relative_error(&pairs)
     });
-    judged(errors.into_iter().fold(0.0, largest_or_nan), 1e-7)
+    judged(errors.into_iter().fold(0.0, largest_or_nan), EXACT)
 }
 
 fn layer_gradients() -> CaseResult {
@@ -272,7 +272,7 @@ fn layer_gradients() -> CaseResult {
             pairs.push([gradient.colour[axis], by_colour]);
         }
     }
-    judged(relative_error(&pairs), 1e-14)
+    judged(relative_error(&pairs), 3e-15)
 }
 
 fn spline_gradients(turn: f64) -> CaseResult {
@@ -386,7 +386,7 @@ fn hash_gradients() -> CaseResult {
             pairs.push([f64::from(found[axis]), difference(moved, 1e-7)]);
         }
     }
-    judged(by_table.max(relative_error(&pairs)), 1e-4)
+    judged(by_table.max(relative_error(&pairs)), 2e-5)
 }
 
 fn dropout_gradients(device: &Device) -> CaseResult {
@@ -426,7 +426,7 @@ fn dropout_gradients(device: &Device) -> CaseResult {
         .fold(0.0, largest_or_nan);
     CaseResult::of_errors(
         "the gradient is that by the opacities before, which come back",
-        Some([restored, device.limit(1e-6)]),
-        Some([relative_error(&pairs), device.limit(1e-6)]),
+        Some([restored, device.limit(3e-7)]),
+        Some([relative_error(&pairs), device.limit(6e-7)]),
     )
 }

@@ -21,7 +21,7 @@ pub(super) const CASES: &[SpecialCase] = &[SpecialCase {
 }];
 
 /// Limits of the mean difference of a colour value, and of the derivative along one direction.
-const LIMITS: [f64; 2] = [1e-5, 1e-3];
+const LIMITS: [f64; 2] = [3e-8, 8e-6];
 
 fn shapes() -> Vec<Shape> {
     vec![

@@ -82,8 +82,8 @@ const CANCELLING: Limits = Limits {
 };
 /// Least limits on a GPU, which adds up in f32.
 const IN_F32: Limits = Limits {
-    forward: 1e-5,
-    gradient: 1e-4,
+    forward: 3e-6,
+    gradient: 5e-6,
 };
 
 /// A render, a target and a mask.

@@ -170,7 +170,7 @@ fn headings(device: &Device) -> Result<CaseResult, ReconstructError> {
         "headings go the short way round, also a million turns on",
         f64::from(error),
         is_finite(&through, &gradients),
-        device.limit(1e-6),
+        device.limit(3e-7),
     ))
 }
 
@@ -190,7 +190,7 @@ fn boxes(device: &Device) -> Result<CaseResult, ReconstructError> {
         "the same object, larger or smaller; finite gradients",
         f64::from(worst),
         all_finite,
-        device.limit(1e-6),
+        device.limit(3e-7),
     ))
 }
 
@@ -255,6 +255,6 @@ fn far(device: &Device) -> Result<CaseResult, ReconstructError> {
         "paths are brought near in f64",
         f64::from(apart(&found, &at(DVec3::ZERO, &near)?.0)),
         is_finite(&found, &gradients),
-        device.limit(1e-6),
+        device.limit(3e-7),
     ))
 }

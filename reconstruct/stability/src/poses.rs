@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Ten times the measured error, relative to a gradient's length.
-const LIMIT: f64 = 1e-3;
+const LIMIT: f64 = 6e-5;
 
 pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {

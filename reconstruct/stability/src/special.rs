@@ -291,7 +291,7 @@ fn flat_images(device: &Device) -> CaseResult {
     if !is_finite {
         return CaseResult::failed("a loss or its gradient is not finite");
     }
-    let [value, gradient] = of_equal.map(|error| Some([error, 1e-6]));
+    let [value, gradient] = of_equal.map(|error| Some([error, 7e-8]));
     CaseResult::of_errors("quotients held by SSIM's constants", value, gradient)
 }
 

@@ -116,6 +116,6 @@ pub(super) fn judge(device: &Device) -> CaseResult {
     CaseResult::of_errors(
         "compared with differences of the definition in f64, up to the weight",
         None,
-        Some([relative_error(&pairs), device.limit(1e-3)]),
+        Some([relative_error(&pairs), device.limit(2e-5)]),
     )
 }
