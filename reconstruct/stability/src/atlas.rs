@@ -149,7 +149,7 @@ pub(super) const CASES: &[SpecialCase] = &[
         title: "a clip in units of 1e-6 and 1e6, and 1e6 from the origin",
         runs: Runs::OnBoth,
         judge: |device| {
-            let limit = device.limit(1e-4);
+            let limit = device.limit(1e-6);
             judge_error("the same images", limit, || units(device.kind()))
         },
     },

@@ -263,7 +263,7 @@ fn gains() -> CaseResult {
             worst = largest_or_nan(worst, f64::from((found / gain - 1.0).abs()));
         }
     }
-    CaseResult::of_errors("the medians of ratios", Some([worst, 1e-6]), None)
+    CaseResult::of_errors("the medians of ratios", Some([worst, 1e-7]), None)
 }
 
 /// Lets one of four views go down a valley: it ends where the bottom is, against the others.
