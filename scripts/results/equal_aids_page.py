@@ -2,15 +2,20 @@
 
     python3 scripts/results/equal_aids_page.py FOLDER PAGE
 
-FOLDER is what scripts/results/equal_aids filled.
+FOLDER is what scripts/results/equal_aids filled, $OMNILIFE the program that compares.
 """
 
 import csv
+import os
+import re
+import subprocess
 import sys
+import tempfile
 from collections import defaultdict
 from pathlib import Path
 from statistics import mean
 
+from aids import differing
 from benchmark_page import METHODS, Run, machine
 
 BEGIN, END = "<!-- equal aids: begin -->", "<!-- equal aids: end -->"
@@ -94,6 +99,44 @@ def times(curves):
     return grid(["Method", "Aids", *(f"PSNR at {seconds} s" for seconds in TIMES)], rows)
 
 
+def compare(folder, scenes):
+    """A row for each other method: `bench compare` of omni4dgs-plus against it in novel views of these scenes."""
+    rows = []
+    for method in METHODS[:-1]:
+        with tempfile.TemporaryDirectory() as links:
+            for one in (METHODS[-1], method):
+                (Path(links) / one).mkdir()
+                for scene in scenes:
+                    (Path(links) / one / scene).symlink_to((folder / one / "scenes" / scene).resolve())
+            command = [os.environ["OMNILIFE"], "--quiet", "bench", "compare", *(Path(links) / one for one in (METHODS[-1], method))]
+            text = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+        cells = []
+        for _, metric, digits, _ in SCORES:
+            found = re.search(rf"^novel {metric} +\S+ +\S+ +(\S+) +\[(\S+), (\S+)\]", text, re.MULTILINE)
+            difference = [f"{float(value):+.{digits}f}" for value in found.groups()] if found else None
+            cells.append(f"{difference[0]} [{difference[1]}, {difference[2]}]" if difference else "-")
+        rows.append([f"`omni4dgs-plus` less `{method}`", *cells])
+    return rows
+
+
+def comparisons(folder, runs, excluded):
+    rows = []
+    for aids, title in AIDS.items():
+        names = sorted({run.scene for run in runs[aids]} - set(excluded if aids == "default" else []))
+        rows += [[difference, title, *cells] for difference, *cells in compare(folder / aids, names)]
+    return grid(["Difference", "Aids", *(heading for heading, *_ in SCORES)], rows)
+
+
+def unequal(runs):
+    """The scenes in which methods used other aids than one of the others, with those aids."""
+    found = defaultdict(set)
+    for one in runs:
+        for other in runs:
+            if one.scene == other.scene:
+                found[one.scene].update(differing(one.record, other.record))
+    return {scene: sorted(aids) for scene, aids in found.items() if aids}
+
+
 def scenes(runs):
     """PSNR of each scene with aids, with half of the range over seeds."""
     names = sorted({run.scene for run in runs})
@@ -115,16 +158,22 @@ def main():
     for protocol in ("per-scene", "sparse-interpolation"):
         runs = {aids: [Run(file) for file in sorted((folder / "results" / protocol / aids).glob("**/score/result.json"))]
                 for aids in AIDS}
+        if not runs["default"]:
+            continue
         every += runs["default"] + runs["bare"]
         seeds = sorted({run.seed for run in runs["default"]})
         of_seeds = "one seed" if len(seeds) == 1 else f"{len(seeds)} seeds"
-        parts += [f"**Protocol `{protocol}`**, novel views, means over scenes, {of_seeds}:", scores(runs),
-                  "At equal CPU time, by the last point of each curve at or before it:", times(points_of(folder, protocol)),
-                  "By scene:", scenes(runs["default"])]
-        for aids, title in (("default", "with the aids of both"), ("bare", "without aids")):
-            for method in METHODS[:3]:
-                text = (folder / f"compare-{protocol}-{aids}-{method}.txt").read_text().strip()
-                parts += [f"`omni4dgs-plus` against `{method}`, {title}, {protocol}:", f"```\n{text}\n```"]
+        excluded = unequal(runs["default"])
+        equal = {**runs, "default": [run for run in runs["default"] if run.scene not in excluded]}
+        left_out = "; ".join(f"`{scene}` ({', '.join(f'`{aid}`' for aid in aids)})" for scene, aids in excluded.items())
+        note = f" Rows with aids leave out scenes in which plans gave methods other ones: {left_out}." if excluded else ""
+        parts += [f"**Protocol `{protocol}`**, novel views, means over scenes, {of_seeds}.{note}", scores(equal),
+                  "Paired differences with 95 % intervals over clips:",
+                  comparisons(folder / "results" / protocol, runs, excluded),
+                  "At equal CPU time, by the last point of each curve at or before it:",
+                  times({run: points for run, points in points_of(folder, protocol).items()
+                         if "without-aids" in run[0] or run[1].split("/")[0] not in excluded}),
+                  "By scene, PSNR:", scenes(runs["default"])]
     commits = sorted({run.record["versions"].get("omnilife commit", "?") for run in every})
     iterations = sorted({run.record["iterations"] for run in every})
     title = (f"{' and '.join(map(str, iterations))} iterations, {machine()}, one core per run; commit "
