@@ -16,13 +16,13 @@ from pathlib import Path
 from statistics import mean
 
 from aids import differing
-from benchmark_page import METHODS, Run, machine
+from benchmark_page import METHODS, Run, cell, machine
 
 BEGIN, END = "<!-- equal aids: begin -->", "<!-- equal aids: end -->"
 # Heading, metric, digits, sign of better scores.
 SCORES = [("PSNR", "psnr", 2, 1), ("dynamic PSNR", "psnr-dynamic", 2, 1), ("SSIM", "ssim", 4, 1),
           ("LPIPS-VGG", "lpips-vgg", 4, -1)]
-AIDS = {"default": "aids", "bare": "none"}
+AIDS = {"default": "default", "all": "all", "bare": "none"}
 # CPU seconds of training at which methods are compared.
 TIMES = [10, 20, 30]
 
@@ -59,12 +59,12 @@ def column(groups, value, digits, sign):
 def scores(runs):
     """A row for each method with and without aids: means over scenes."""
     rows = []
-    for aids, title in AIDS.items():
-        groups = [[run for run in runs[aids] if run.method.removesuffix("-without-aids") == method] for method in METHODS]
+    for aids, of_aids in runs.items():
+        groups = [of_aids[method] for method in METHODS]
         columns = [column(groups, lambda run, metric=metric: run.score("novel_views", metric), digits, sign)
                    for _, metric, digits, sign in SCORES]
         columns.append(column(groups, Run.cpu_seconds, 0, 0))
-        rows += [[method, title, *cells] for method, *cells in zip(METHODS, *columns)]
+        rows += [[method, AIDS[aids], *cells] for method, *cells in zip(METHODS, *columns)]
     return grid(["Method", "Aids", *(heading for heading, *_ in SCORES), "CPU s"], rows)
 
 
@@ -84,18 +84,18 @@ def at(points, seconds):
     return before[-1] if before else None
 
 
-def times(curves):
+def times(runs, curves):
     """A row for each method with and without aids: mean PSNR at equal CPU time over scenes and seeds."""
     rows = []
-    for suffix, title in (("", "aids"), ("-without-aids", "none")):
-        groups = [{key[1:]: points for key, points in curves.items() if key[0] == method + suffix} for method in METHODS]
+    for aids, of_aids in runs.items():
         columns = []
         for seconds in TIMES:
-            found = [{run: at(points, seconds) for run, points in group.items()} for group in groups]
-            common = [run for run in (found[0] if found else []) if all(values.get(run) is not None for values in found)]
+            found = [{(run.scene, run.seed): at(curves[run.method, run.result["scene"], str(run.seed)], seconds)
+                      for run in of_aids[method]} for method in METHODS]
+            common = [run for run in found[0] if all(values.get(run) is not None for values in found)]
             means = [mean(values[run] for run in common) if common else None for values in found]
             columns.append(best([(each, "-" if each is None else f"{each:.2f}") for each in means], 1))
-        rows += [[method, title, *cells] for method, *cells in zip(METHODS, *columns)]
+        rows += [[method, AIDS[aids], *cells] for method, *cells in zip(METHODS, *columns)]
     return grid(["Method", "Aids", *(f"PSNR at {seconds} s" for seconds in TIMES)], rows)
 
 
@@ -119,61 +119,58 @@ def compare(folder, scenes):
     return rows
 
 
-def comparisons(folder, runs, excluded):
+def comparisons(folder, runs):
     rows = []
-    for aids, title in AIDS.items():
-        names = sorted({run.scene for run in runs[aids]} - set(excluded if aids == "default" else []))
-        rows += [[difference, title, *cells] for difference, *cells in compare(folder / aids, names)]
+    for aids, of_aids in runs.items():
+        names = sorted({run.scene for run in of_aids[METHODS[-1]]})
+        rows += [[difference, AIDS[aids], *cells] for difference, *cells in compare(folder / aids, names)]
     return grid(["Difference", "Aids", *(heading for heading, *_ in SCORES)], rows)
 
 
-def unequal(runs):
-    """The scenes in which methods used other aids than one of the others, with those aids."""
+def unequal(of_aids):
+    """The scenes in which a method used other aids than omni4dgs-plus, with those aids."""
     found = defaultdict(set)
-    for one in runs:
-        for other in runs:
-            if one.scene == other.scene:
-                found[one.scene].update(differing(one.record, other.record))
+    for one in of_aids[METHODS[-1]]:
+        for other in (run for method in METHODS for run in of_aids[method] if run.scene == one.scene):
+            found[one.scene].update(differing(one.record, other.record))
     return {scene: sorted(aids) for scene, aids in found.items() if aids}
 
 
-def scenes(runs):
+def scenes(of_aids, aids):
     """PSNR of each scene with aids, with half of the range over seeds."""
-    names = sorted({run.scene for run in runs})
-    rows = []
-    for method in METHODS:
-        cells = []
-        for scene in names:
-            values = [run.score("novel_views", "psnr") for run in runs if run.scene == scene and run.method == method]
-            values = [value for value in values if value is not None]
-            half = (max(values) - min(values)) / 2 if values else 0
-            cells.append("-" if not values else f"{mean(values):.2f}" + (f" ± {half:.2f}" if len(values) > 1 else ""))
-        rows.append([method, "aids", *cells])
+    names = sorted({run.scene for run in of_aids[METHODS[-1]]})
+    rows = [[method, AIDS[aids], *(cell([run.score("novel_views", "psnr") for run in of_aids[method] if run.scene == scene], 2)
+                                   for scene in names)] for method in METHODS]
     return grid(["Method", "Aids", *names], rows)
+
+
+def tables(folder, protocol, runs):
+    """The parts of one protocol. Means leave out scenes in which plans gave methods different aids."""
+    aided = next(aids for aids in runs if aids != "bare")
+    excluded = unequal(runs[aided])
+    equal = {aids: {method: [run for run in found if aids == "bare" or run.scene not in excluded]
+                    for method, found in of_aids.items()} for aids, of_aids in runs.items()}
+    seeds = len({run.seed for run in runs[aided][METHODS[-1]]})
+    left_out = "; ".join(f"`{scene}` ({', '.join(f'`{aid}`' for aid in aids)})" for scene, aids in excluded.items())
+    note = f" Rows with aids leave out scenes in which plans gave methods different ones: {left_out}." if excluded else ""
+    return [f"**Protocol `{protocol}`**, novel views, means over scenes, {seeds} seed{'s' * (seeds > 1)}.{note}",
+            scores(equal),
+            "Paired differences with 95 % intervals over clips:", comparisons(folder / "results" / protocol, equal),
+            "At equal CPU time, by the last point of each curve at or before it:",
+            times(equal, points_of(folder, protocol)),
+            "By scene, PSNR:", scenes(runs[aided], aided)]
 
 
 def main():
     folder, page = Path(sys.argv[1]), Path(sys.argv[2])
     parts, every = [], []
     for protocol in ("per-scene", "sparse-interpolation"):
-        runs = {aids: [Run(file) for file in sorted((folder / "results" / protocol / aids).glob("**/score/result.json"))]
-                for aids in AIDS}
-        if not runs["default"]:
-            continue
-        every += runs["default"] + runs["bare"]
-        seeds = sorted({run.seed for run in runs["default"]})
-        of_seeds = "one seed" if len(seeds) == 1 else f"{len(seeds)} seeds"
-        excluded = unequal(runs["default"])
-        equal = {**runs, "default": [run for run in runs["default"] if run.scene not in excluded]}
-        left_out = "; ".join(f"`{scene}` ({', '.join(f'`{aid}`' for aid in aids)})" for scene, aids in excluded.items())
-        note = f" Rows with aids leave out scenes in which plans gave methods other ones: {left_out}." if excluded else ""
-        parts += [f"**Protocol `{protocol}`**, novel views, means over scenes, {of_seeds}.{note}", scores(equal),
-                  "Paired differences with 95 % intervals over clips:",
-                  comparisons(folder / "results" / protocol, runs, excluded),
-                  "At equal CPU time, by the last point of each curve at or before it:",
-                  times({run: points for run, points in points_of(folder, protocol).items()
-                         if "without-aids" in run[0] or run[1].split("/")[0] not in excluded}),
-                  "By scene, PSNR:", scenes(runs["default"])]
+        runs = {}
+        for aids in (aids for aids in AIDS if (folder / "results" / protocol / aids).is_dir()):
+            runs[aids] = {method: [Run(file) for file in sorted(
+                (folder / "results" / protocol / aids / method).glob("**/score/result.json"))] for method in METHODS}
+            every += [run for found in runs[aids].values() for run in found]
+        parts += tables(folder, protocol, runs)
     commits = sorted({run.record["versions"].get("omnilife commit", "?") for run in every})
     iterations = sorted({run.record["iterations"] for run in every})
     title = (f"{' and '.join(map(str, iterations))} iterations, {machine()}, one core per run; commit "
