@@ -122,7 +122,9 @@ def compare(folder, scenes):
 def comparisons(folder, runs):
     rows = []
     for aids, of_aids in runs.items():
-        names = sorted({run.scene for run in of_aids[METHODS[-1]]})
+        names = sorted(set.intersection(*({run.scene for run in found} for found in of_aids.values())))
+        if len(names) < 2:
+            continue
         rows += [[difference, AIDS[aids], *cells] for difference, *cells in compare(folder / aids, names)]
     return grid(["Difference", "Aids", *(heading for heading, *_ in SCORES)], rows)
 
@@ -144,6 +146,19 @@ def scenes(of_aids, aids):
     return grid(["Method", "Aids", *names], rows)
 
 
+def without_score(runs):
+    """A line on the units of scenes and seeds without a score, which the means leave out; the terminal shows it too."""
+    units = {(run.scene, run.seed) for of_aids in runs.values() for found in of_aids.values() for run in found}
+    missing = [f"`{method}` ({AIDS[aids]}) on {scene}, seed {seed}" for aids, of_aids in runs.items()
+               for method, found in of_aids.items()
+               for scene, seed in sorted(units - {(run.scene, run.seed) for run in found})]
+    if not missing:
+        return []
+    line = f"Without a score, and left out of the means: {'; '.join(missing)}."
+    print(line, file=sys.stderr)
+    return [line]
+
+
 def tables(folder, protocol, runs):
     """The parts of one protocol. Means leave out scenes in which plans gave methods different aids."""
     aided = next(aids for aids in runs if aids != "bare")
@@ -154,7 +169,7 @@ def tables(folder, protocol, runs):
     left_out = "; ".join(f"`{scene}` ({', '.join(f'`{aid}`' for aid in aids)})" for scene, aids in excluded.items())
     note = f" Rows with aids leave out scenes in which plans gave methods different ones: {left_out}." if excluded else ""
     return [f"**Protocol `{protocol}`**, novel views, means over scenes, {seeds} seed{'s' * (seeds > 1)}.{note}",
-            scores(equal),
+            scores(equal), *without_score(runs),
             "Paired differences with 95 % intervals over clips:", comparisons(folder / "results" / protocol, equal),
             "At equal CPU time, by the last point of each curve at or before it:",
             times(equal, points_of(folder, protocol)),
@@ -168,7 +183,8 @@ def main():
         runs = {}
         for aids in (aids for aids in AIDS if (folder / "results" / protocol / aids).is_dir()):
             runs[aids] = {method: [Run(file) for file in sorted(
-                (folder / "results" / protocol / aids / method).glob("**/score/result.json"))] for method in METHODS}
+                (folder / "results" / protocol / aids / method).glob("**/score/result.json"))
+                if (file.parents[1] / "run/run.json").exists()] for method in METHODS}
             every += [run for found in runs[aids].values() for run in found]
         parts += tables(folder, protocol, runs)
     commits = sorted({run.record["versions"].get("omnilife commit", "?") for run in every})

@@ -153,19 +153,19 @@ fn changes_along(
 
 /// Returns the least evidence of each pixel along the axes.
 ///
-/// Nothing is evidence near the ends of the first axis, the best; an other axis tells nothing of what is near its ends.
+/// Nothing is evidence near the ends of the first axis, the best; another axis tells nothing of what is near its ends.
 fn staying_along_all(
     over_time: &Field,
     along: &[Field],
     axes: &[Vec3],
     directions: &[Vec3],
 ) -> Field {
-    let mut least = nowhere(directions);
-    for (index, (along, &axis)) in along.iter().zip(axes).enumerate() {
-        if index == 0 {
-            least = staying([over_time, along], axis, directions, LEAST_SINE);
-            continue;
-        }
+    let mut paths = along.iter().zip(axes);
+    let Some((along, &best)) = paths.next() else {
+        return nowhere(directions);
+    };
+    let mut least = staying([over_time, along], best, directions, LEAST_SINE);
+    for (along, &axis) in paths {
         let stays = staying([over_time, along], axis, directions, 0.0);
         let pixels = least.values.iter_mut().zip(stays.values).zip(directions);
         for ((least, stays), &direction) in pixels {
