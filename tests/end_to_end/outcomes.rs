@@ -173,6 +173,11 @@ fn leaves(value: &Value) -> BTreeMap<String, String> {
 pub(crate) fn ending_fault(ended: &Ended) -> Option<String> {
     let Ended { code, stderr, .. } = ended;
     let is_loader = *code == Some(127) && stderr.contains("error while loading shared libraries");
+    // The C library allocates for each thread, and GLib for itself; both abort with a line of their own.
+    let is_c_library = code.is_none()
+        && matches!(stderr.lines().collect::<Vec<_>>()[..], [line]
+            if (line.starts_with("Fatal glibc error: ") && line.contains("out of memory"))
+                || (line.starts_with("GLib ") && line.contains("Cannot allocate memory")));
     // The encoder of slices reports its own memory itself.
     let ours: Vec<&str> = (stderr.lines())
         .filter(|line| !line.starts_with("x264 [error]: malloc"))
@@ -182,7 +187,7 @@ pub(crate) fn ending_fault(ended: &Ended) -> Option<String> {
     let is_right = match code {
         Some(0) => true,
         Some(1 | 2) => is_one_line && !is_ours,
-        _ => is_loader,
+        _ => is_loader || is_c_library,
     };
     (!is_right).then(|| format!("{code:?}: {stderr}"))
 }
