@@ -8,7 +8,11 @@
     scripts/labels/score.py motion tests/data/footage-labels/CLIP.json SEQUENCE...
 
 SEQUENCE is a folder with sequence.json and dynamic-masks (`omnilife curate masks`), operator (`omnilife curate
-operator`) or annotation.json (`omnilife curate annotate`). Prints one line per result; README.md of the labels defines them. Needs NumPy and Pillow.
+operator`) or annotation.json (`omnilife curate annotate`). Prints one line per result; README.md of the labels defines
+them. Needs NumPy and Pillow.
+
+Each task is a function of the labels and paths. It returns the lines and a dictionary of numbers, in which a share of
+nothing is None.
 """
 
 import argparse
@@ -27,7 +31,21 @@ LEAST_OVERLAP = 0.5
 
 
 def share(part, whole):
-    return "-" if whole == 0 else f"{part / whole:.3f}"
+    return None if whole == 0 else float(part / whole)
+
+
+def shown(number):
+    return "-" if number is None else f"{number:.3f}"
+
+
+def of_regions(hit, wrong, missed):
+    """Returns how well marked regions agree with true ones, from the areas of both, of one alone, of the other alone."""
+    return {"iou": share(hit, hit + wrong + missed), "precision": share(hit, hit + wrong),
+            "recall": share(hit, hit + missed)}
+
+
+def as_text(regions):
+    return f"IoU {shown(regions['iou'])}, precision {shown(regions['precision'])}, recall {shown(regions['recall'])}"
 
 
 def drawn(regions, size):
@@ -79,18 +97,17 @@ def masks(labels, paths):
                            for part in (mask & truth[kind], mask & ~truth[kind], ~mask & truth[kind])]
         free = ~ignored & ~truth["moves"] & ~truth["operator"]
         marked, seen, scored = marked + area[mask & free].sum(), seen + area[free].sum(), scored + 1
-    print(f"{labels['clip']}: {scored} of {len(labels['frames'])} labelled frames have a mask")
+    record = {"frames": scored, "background": share(marked, seen)}
+    lines = [f"{labels['clip']}: {scored} of {len(labels['frames'])} labelled frames have a mask"]
     for kind, (hit, wrong, missed) in sums.items():
-        if hit + missed == 0:
-            print(f"  {kind}: not labelled in these frames")
-            continue
-        print(f"  {kind}: IoU {share(hit, hit + wrong + missed)}, precision {share(hit, hit + wrong)}, "
-              f"recall {share(hit, hit + missed)}")
-    print(f"  marked of the background: {share(marked, seen)}")
+        is_labelled = hit + missed > 0
+        record[kind] = of_regions(hit, wrong, missed) if is_labelled else None
+        lines.append(f"  {kind}: {as_text(record[kind]) if is_labelled else 'not labelled in these frames'}")
+    return lines + [f"  marked of the background: {shown(record['background'])}"], record
 
 
 def operator(labels, paths):
-    sums, found, frames = np.zeros(3), 0, 0
+    lines, sums, found, frames = [], np.zeros(3), 0, 0
     for path in paths:
         reach = json.loads((path / "sequence.json").read_text())["range"]
         record = json.loads((path / "operator" / "operator.json").read_text())
@@ -110,10 +127,12 @@ def operator(labels, paths):
                     for part in (mask & truth, mask & ~truth, ~mask & truth)]
             frames += 1
         sums, found = sums + own, found + (record["finding"] == "found")
-        print(f"  {path}: {record['finding']}, evidence {record['evidence']:.2f}, IoU {share(own[0], own.sum())}")
-    hit, wrong, missed = sums
-    print(f"{labels['clip']}: {found} of {len(paths)} sequences have a mask; over {frames} frames IoU "
-          f"{share(hit, hit + wrong + missed)}, precision {share(hit, hit + wrong)}, recall {share(hit, hit + missed)}")
+        lines.append(f"  {path}: {record['finding']}, evidence {record['evidence']:.2f}, "
+                     f"IoU {shown(share(own[0], own.sum()))}")
+    regions = of_regions(*sums)
+    lines.append(f"{labels['clip']}: {found} of {len(paths)} sequences have a mask; over {frames} frames "
+                 f"{as_text(regions)}")
+    return lines, {"found": found, "sequences": len(paths), "is_labelled": sums[0] + sums[2] > 0, **regions}
 
 
 def cap(overlay):
@@ -149,12 +168,12 @@ def true_overlays(frames):
 
 def overlays(labels, paths):
     area = np.broadcast_to(weights(labels, GRID), GRID[::-1])
-    hits, truths, right, finds, ious = 0, 0, 0, 0, []
+    lines, hits, truths, finds, ious, false = [], 0, 0, 0, [], []
     for path in paths:
         analysis = json.loads(path.read_text())
         report, reach = analysis["overlays"], analysis["range"]
         if report is None or report["unjudged"]:
-            print(f"{path}: not judged: {report and report['unjudged']}")
+            lines.append(f"{path}: not judged: {report and report['unjudged']}")
         for shot in labels["shots"]:
             middle = (shot["begin_seconds"] + shot["end_seconds"]) / 2
             if not reach["begin_seconds"] <= middle <= reach["end_seconds"]:
@@ -168,15 +187,21 @@ def overlays(labels, paths):
                 disc = found.get(name, np.zeros_like(region))
                 overlap, whole = area[region & disc].sum(), area[region | disc].sum()
                 is_hit = overlap > 0 and overlap >= LEAST_OVERLAP * min(area[region].sum(), area[disc].sum())
-                hits, truths, right = hits + is_hit, truths + 1, right + is_hit
+                hits, truths = hits + is_hit, truths + 1
                 ious += [overlap / whole] * int(is_hit)
-                print(f"  shot {shot['first']}-{shot['last']}: {name} {'found' if is_hit else 'missed'}, "
-                      f"IoU {share(overlap, whole)}")
+                lines.append(f"  shot {shot['first']}-{shot['last']}: {name} {'found' if is_hit else 'missed'}, "
+                             f"IoU {shown(share(overlap, whole))}")
             for name in sorted(set(found) - set(true)):
-                print(f"  shot {shot['first']}-{shot['last']}: {name} reported, not labelled")
+                steradians = share(area[found[name]].sum() * 4 * math.pi, area.sum())
+                false.append((name, steradians))
+                lines.append(f"  shot {shot['first']}-{shot['last']}: {name} reported, not labelled, "
+                             f"{steradians:.3f} sr")
             finds += len(found)
-    print(f"{labels['clip']}: precision {share(right, finds)}, recall {share(hits, truths)}, "
-          f"mean IoU of what is found {share(sum(ious), len(ious))}")
+    record = {"precision": share(hits, finds), "recall": share(hits, truths), "iou": share(sum(ious), len(ious)),
+              "found": hits, "labelled": truths, "false": false}
+    lines.append(f"{labels['clip']}: precision {shown(record['precision'])}, recall {shown(record['recall'])}, "
+                 f"mean IoU of what is found {shown(record['iou'])}")
+    return lines, record
 
 
 def gap(a, b):
@@ -184,49 +209,55 @@ def gap(a, b):
 
 
 def boundaries(labels, paths):
+    lines, reported, hits = [], 0, 0
     for path in paths:
-        found, hits = json.loads(path.read_text())["boundaries"], 0
+        found = json.loads(path.read_text())["boundaries"]
         left = [one for one in found if one["kind"] != "seamless-traversal"]
-        reported = len(left)
+        reported += len(left)
         for true in labels["boundaries"]:
             near = min(left, key=lambda one: gap(true, one), default=None)
             if near and gap(true, near) <= TOLERANCE_SECONDS:
                 left.remove(near)
                 hits += 1
             else:
-                print(f"  missed {true['kind']} at {true['begin_seconds']:.3f} s")
-        for one in left:
-            print(f"  false {one['kind']} at {one['begin_seconds']:.3f} s")
-        print(f"{labels['clip']}: precision {share(hits, reported)}, recall {share(hits, len(labels['boundaries']))}")
+                lines.append(f"  missed {true['kind']} at {true['begin_seconds']:.3f} s")
+        lines += [f"  false {one['kind']} at {one['begin_seconds']:.3f} s" for one in left]
+    record = {"precision": share(hits, reported), "recall": share(hits, len(labels["boundaries"]) * len(paths)),
+              "found": hits, "labelled": len(labels["boundaries"]), "false": reported - hits}
+    lines.append(f"{labels['clip']}: precision {shown(record['precision'])}, recall {shown(record['recall'])}")
+    return lines, record
 
 
 def motion(labels, paths):
-    right = judged = 0
+    lines, right, judged = [], 0, 0
     for path in paths:
         reach = json.loads((path / "sequence.json").read_text())["range"]
         measured = json.loads((path / "annotation.json").read_text())["ego_motion"]["measured"]
         truth = {frame["camera"] for frame in labels["frames"]
                  if frame["camera"] and reach["begin_seconds"] <= frame["seconds"] <= reach["end_seconds"]}
-        if measured is None or len(truth) != 1:
-            print(f"  {path}: not scored: measured {measured and measured['class']}, labels {sorted(truth)}")
+        if measured is None or measured["class"] == "unknown" or len(truth) != 1:
+            lines.append(f"  {path}: not scored: measured {measured and measured['class']}, labels {sorted(truth)}")
             continue
         says = "still" if measured["class"] == "static" else "moving"
         judged, right = judged + 1, right + (says in truth)
-        print(f"  {path}: measured {measured['class']}, labels {truth.pop()}")
-    print(f"{labels['clip']}: {right} of {judged} sequences right")
+        lines.append(f"  {path}: measured {measured['class']}, labels {truth.pop()}")
+    lines.append(f"{labels['clip']}: {right} of {judged} sequences right")
+    return lines, {"right": right, "judged": judged, "sequences": len(paths)}
+
+
+TASKS = {task.__name__: task for task in (masks, operator, overlays, boundaries, motion)}
 
 
 def main():
-    tasks = {task.__name__: task for task in (masks, operator, overlays, boundaries, motion)}
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("task", choices=tasks)
+    parser.add_argument("task", choices=TASKS)
     parser.add_argument("labels", type=pathlib.Path)
     parser.add_argument("paths", type=pathlib.Path, nargs="+")
     options = parser.parse_args()
     labels = json.loads(options.labels.read_text())
     if options.task == "overlays" and labels["layout"] == "rectilinear":
         sys.exit("score: overlays are places on the sphere, and this clip is perspective")
-    tasks[options.task](labels, options.paths)
+    print("\n".join(TASKS[options.task](labels, options.paths)[0]))
 
 
 if __name__ == "__main__":
