@@ -36,7 +36,8 @@ pub(crate) struct AttachArguments {
     #[command(flatten)]
     truth: TruthArguments,
     /// Takes dynamic masks from a program, which masks the frames in {frames} and leaves an image for each,
-    /// named like it, in {out}. Words are separated by blanks; no shell takes them apart.
+    /// named like it, in {out}, where it finds those of a run of the same command that failed. Words are separated by
+    /// blanks; no shell takes them apart.
     #[arg(
         long,
         value_name = "COMMAND",

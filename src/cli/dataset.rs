@@ -240,7 +240,8 @@ pub(crate) struct MasksArguments {
     #[arg(long, value_name = "FOLDER", conflicts_with = "method")]
     pub(crate) from: Option<PathBuf>,
     /// Takes the masks from a program, which masks the frames in {frames} and leaves an image for each, named like it, in
-    /// {out}. Words are separated by blanks; no shell takes them apart.
+    /// {out}, where it finds those of a run of the same command that failed. Words are separated by blanks; no shell takes
+    /// them apart.
     #[arg(long, value_name = "COMMAND", conflicts_with_all = ["method", "from"])]
     pub(crate) command: Option<FrameCommand>,
     /// Stops the program, and all that it started, after this many seconds.

@@ -4,8 +4,9 @@
 //!
 //! - `{frames}`: a folder with exactly the frames, each named by its number in the scene (`000012.png`), so that the
 //!   order of names is that of frames;
-//! - `{out}`: an empty folder, for masks and distances named like the frames, or for poses as `poses.json` or
-//!   `all_poses.npy`;
+//! - `{out}`: a folder for masks and distances named like the frames, or for poses as `poses.json` or
+//!   `all_poses.npy`. It is empty, except for masks that a failed or killed run of the same command on the same frames
+//!   has left;
 //! - `{times}`: a CSV with the columns `image` and `time_seconds`, which a `poses.json` needs; optional.
 //!
 //! It starts in this process's directory, and has failed if its exit code is not 0. At its time limit it is ended with
@@ -27,7 +28,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{frame_list::FrameList, masks, prior::GivenPrior};
+use super::{frame_list::FrameList, masks, prior::GivenPrior, unfinished::UnfinishedMasks};
 use crate::error::CurateError;
 
 /// Placeholders of a command, each with true if it is a number.
@@ -86,10 +87,8 @@ impl MaskProgram {
         let frames = numbered(&FrameList::of_sequence(sequence));
         let images = sequence.frames.entries.iter().map(|entry| &*entry.file);
         let room = Room::prepare((sequence_folder, images), &frames, folder)?;
-        progress.begin(&self.command.0, None);
-        let ended = room.run(&self.command, "masks", self.time_limit, progress);
-        progress.end();
-        masks::find(&ended?, &frames.entries)
+        let made = room.mask(sequence_folder, &frames, self, progress)?;
+        masks::find(&made, &frames.entries)
     }
 }
 
@@ -156,13 +155,18 @@ impl FramePrograms {
         let images = scene.frames.iter().map(|frame| &*frame.image);
         let room = Room::prepare((scene_folder, images), &made.frames, &staging.folder)?;
         let run = |command: &FrameCommand, kind: &str| {
-            progress.begin(&command.0, None);
-            let ended = room.run(command, kind, self.time_limit, progress);
-            progress.end();
-            ended
+            let out = room.folder.join(format!("program-{kind}"));
+            store::create_folder(&out)?;
+            room.run(command, kind, &out, self.time_limit, progress)?;
+            Ok::<_, CurateError>(out)
         };
         if let Some(command) = &self.masks {
-            made.masks = Some((run(command, "masks")?, command.0.clone()));
+            let program = MaskProgram {
+                command: command.clone(),
+                time_limit: self.time_limit,
+            };
+            let folder = room.mask(scene_folder, &made.frames, &program, progress)?;
+            made.masks = Some((folder, command.0.clone()));
         }
         if let Some(prior) = prior {
             made.prior = Some(GivenPrior {
@@ -228,11 +232,17 @@ pub(super) fn source_of_program(source: PoseSource, command: String) -> PoseSour
     }
 }
 
+fn absolute(folder: &Path) -> Result<PathBuf, StoreError> {
+    std::path::absolute(folder).map_err(|source| StoreError::read(folder, source))
+}
+
 /// Working folder of programs.
 struct Room {
     folder: PathBuf,
     frames: PathBuf,
     times: PathBuf,
+    /// SHA-256 of the names, times and bytes of the frames.
+    hash: String,
 }
 
 impl Room {
@@ -242,44 +252,76 @@ impl Room {
         numbered: &FrameList,
         folder: &Path,
     ) -> Result<Self, CurateError> {
-        let folder =
-            std::path::absolute(folder).map_err(|source| StoreError::read(folder, source))?;
-        let room = Self {
+        let folder = absolute(folder)?;
+        let mut room = Self {
             frames: folder.join("frames-by-number"),
             times: folder.join("times.csv"),
+            hash: String::new(),
             folder,
         };
         store::create_folder(&room.frames)?;
         let mut times = "image,time_seconds\n".to_owned();
+        let mut hashes = String::new();
         for (image, entry) in images.zip(&numbered.entries) {
             let copy = room.frames.join(&entry.file);
             store::copy(&images_folder.join(image), &copy)?;
+            hashes += &store::sha256_file(&copy)?;
             times += &format!("{},{}\n", entry.file, entry.time_seconds);
         }
         store::write_bytes(&room.times, times.as_bytes())?;
+        room.hash = store::sha256_bytes((times + &hashes).as_bytes());
         Ok(room)
     }
 
-    /// Runs a command; returns the folder with its output.
+    /// Runs a program that masks the frames; returns the folder with a mask of each. What it leaves when it fails is
+    /// kept in `record_folder`.
+    fn mask(
+        &self,
+        record_folder: &Path,
+        frames: &FrameList,
+        program: &MaskProgram,
+        progress: &dyn Progress,
+    ) -> Result<PathBuf, CurateError> {
+        let record_folder = absolute(record_folder)?;
+        let request = format!("{}\n{}\n", program.text(), self.hash);
+        let unfinished = UnfinishedMasks::open(&record_folder, &request, frames, progress)?;
+        let out = unfinished.out();
+        let ran = self.run(
+            &program.command,
+            "masks",
+            &out,
+            program.time_limit,
+            progress,
+        );
+        if let Err(error) = ran.and_then(|()| masks::find(&out, &frames.entries)) {
+            unfinished.keep(frames, progress)?;
+            return Err(error);
+        }
+        let made = self.folder.join("program-masks");
+        unfinished.finish(&made)?;
+        Ok(made)
+    }
+
+    /// Runs a command with a folder for its output.
     fn run(
         &self,
         command: &FrameCommand,
         kind: &str,
+        out: &Path,
         time_limit: Option<Duration>,
         progress: &dyn Progress,
-    ) -> Result<PathBuf, CurateError> {
-        let out = self.folder.join(format!("program-{kind}"));
-        store::create_folder(&out)?;
+    ) -> Result<(), CurateError> {
         let places = BTreeMap::from([
-            ("frames", &self.frames),
-            ("out", &out),
-            ("times", &self.times),
+            ("frames", &*self.frames),
+            ("out", out),
+            ("times", &*self.times),
         ]);
         let fill = |word: &str| {
             placeholders::replace(word, |name, _| {
                 Some(places.get(name)?.display().to_string())
             })
         };
+        progress.begin(&command.0, None);
         let outcome = child::run(&Job {
             command: command.0.split_whitespace().map(fill).collect(),
             variables: BTreeMap::new(),
@@ -288,12 +330,14 @@ impl Room {
             time_limit,
             grace: GRACE,
             container: None,
-        })?;
+        });
+        progress.end();
+        let outcome = outcome?;
         for what in &outcome.left_running {
             progress.note(&format!("{} left running: {what}", command.0));
         }
         if outcome.succeeded {
-            return Ok(out);
+            return Ok(());
         }
         Err(CurateError::input(Path::new(&command.0), outcome.failure()))
     }

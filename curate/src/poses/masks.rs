@@ -23,7 +23,7 @@ use crate::{error::CurateError, opencv_images};
 const GROWTH_PIXELS: usize = 4;
 
 /// File name extensions of mask images, in lower case.
-const EXTENSIONS: &[&str] = &["png", "jpg", "jpeg"];
+pub(super) const EXTENSIONS: &[&str] = &["png", "jpg", "jpeg"];
 
 /// Lists the image files of a folder, sorted.
 pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {

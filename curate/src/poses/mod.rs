@@ -30,6 +30,7 @@ mod straight_frames;
 mod truth;
 mod tum;
 pub(crate) mod turns;
+mod unfinished;
 pub mod validate;
 
 use std::{

@@ -122,6 +122,61 @@ fn masks_and_distances_of_programs_are_those_of_the_frames() {
     );
 }
 
+/// Masks of a failed program are in its folder again, unless the command or a frame is another one.
+#[test]
+fn masks_of_a_failed_program_are_found_by_its_next_run() {
+    let temp = tempfile::tempdir().unwrap();
+    let scenes = Scenes::new(temp.path(), "colmap");
+    let (masks, found) = (scenes.masks("moving", 20), scenes.folder.join("found"));
+    // Skips what is masked, and after some further masks breaks off in the middle of one.
+    let masking_at_most = |most: usize| {
+        let (masks, found) = (masks.display(), found.display());
+        let text = format!(
+            "ls $2 | wc -l > {found}; made=0
+             for frame in $1/*; do
+               name=$(basename $frame); [ -e $2/$name ] && continue
+               if [ $made = {most} ]; then head -c 40 {masks}/$name > $2/$name; exit 3; fi
+               cp {masks}/$name $2/; made=$((made + 1))
+             done"
+        );
+        masking(script(&scenes, &text))
+    };
+    let found_by_the_last = || -> usize {
+        let text = fs::read_to_string(&found).unwrap();
+        text.trim().parse().unwrap()
+    };
+    let fails_after = |most: usize| {
+        let message = run(&scenes, masking_at_most(most)).unwrap_err().to_string();
+        assert!(
+            message.contains('3') && !message.contains('\n'),
+            "{message}"
+        );
+        found_by_the_last()
+    };
+    let unfinished = scenes.imported.join(".unfinished-masks");
+    assert_eq!(fails_after(0), 0);
+    assert!(!unfinished.exists());
+    assert_eq!(fails_after(3), 0);
+    assert_eq!(fails_after(1), 3);
+
+    let scene: Scene = store::read_record(&scenes.imported.join("scene.json")).unwrap();
+    let first = scenes.imported.join(&scene.frames[0].image);
+    let before = fs::read(&first).unwrap();
+    fs::write(&first, [&*before, b"\n"].concat()).unwrap();
+    assert_eq!(fails_after(2), 0);
+    masking_at_most(1);
+    let program = scenes.folder.join("program.sh");
+    let other = format!("sh {} {{frames}} {{out}}", program.display());
+    run(&scenes, masking(other.parse().unwrap())).unwrap_err();
+    assert_eq!(found_by_the_last(), 0);
+    assert_eq!(fails_after(2), 0);
+
+    let scene = run(&scenes, masking_at_most(FRAMES)).unwrap();
+    assert_eq!(found_by_the_last(), 2);
+    assert!(scene.frames.iter().all(|frame| frame.mask.is_some()));
+    assert!(!unfinished.exists());
+}
+
 /// Masks by the names that the frames of the imported scene have.
 fn masks_of_names(scenes: &Scenes) -> PathBuf {
     let (from, to) = (scenes.masks("moving", 20), scenes.folder.join("named"));
@@ -178,6 +233,12 @@ fn poses_of_programs_are_matrices_or_a_record() {
 fn programs_that_fail_change_nothing() {
     let temp = tempfile::tempdir().unwrap();
     let scenes = Scenes::new(temp.path(), "colmap");
+    // Masks of a program that failed are kept for its next run.
+    let content = |folder: &Path| {
+        let mut files = content(folder);
+        files.retain(|path, _| !path.starts_with(folder.join(".unfinished-masks")));
+        files
+    };
     let refused = |programs: FramePrograms, reason: &str| {
         let before = content(&scenes.imported);
         let error = run(&scenes, programs).map(drop).unwrap_err();
