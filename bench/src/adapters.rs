@@ -25,8 +25,8 @@ pub struct Adapter {
     pub id: &'static str,
     /// Id of the protocol that it is written for.
     pub protocol: &'static str,
-    /// True if it takes scenes of perspective images alone.
-    pub is_perspective: bool,
+    /// Scenes that it takes.
+    pub scenes: AdapterScenes,
     /// Authors of the method, and its kind of views.
     pub about: &'static str,
     /// The `method.toml`, conventions in its head.
@@ -43,6 +43,17 @@ pub struct Adapter {
     pub views: &'static str,
     /// Experience with it.
     pub tried: AdapterTrial,
+}
+
+/// Scenes that an adapter takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AdapterScenes {
+    /// Panoramas, and others too unless its head excludes them.
+    Panoramas,
+    /// Perspective images alone.
+    Perspective,
+    /// Perspective images with distances and with boxes of what moves.
+    Traffic,
 }
 
 /// Experience with an adapter.

@@ -45,7 +45,7 @@ mod summary;
 mod truth;
 mod validate;
 
-pub use adapters::{ADAPTERS, Adapter, AdapterTrial, adapters_table, write_adapter};
+pub use adapters::{ADAPTERS, Adapter, AdapterScenes, AdapterTrial, adapters_table, write_adapter};
 pub use curve::{curves, curves_table};
 pub use diagnosis::{Diagnosis, DiagnosisFinding, DiagnosisKind, diagnose};
 pub use error::BenchError;

@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_bench::{ADAPTERS, Adapter, AdapterTrial};
+use omnilife_bench::{ADAPTERS, Adapter, AdapterScenes, AdapterTrial};
 use omnilife_schemas::{
     records::{ExternalRun, ResultRecord},
     store,
@@ -26,10 +26,10 @@ impl Checkout {
     fn new(adapter: &Adapter) -> Self {
         let folder = scratch();
         let sequence = small_run().out.join(SEQUENCE);
-        let scene = if adapter.is_perspective {
-            perspective(&sequence, folder.path())
-        } else {
-            sequence
+        let scene = match adapter.scenes {
+            AdapterScenes::Panoramas => sequence,
+            AdapterScenes::Perspective => perspective(&sequence, folder.path()),
+            AdapterScenes::Traffic => drive(folder.path()),
         };
         let this = Self {
             folder,
@@ -74,11 +74,14 @@ impl Checkout {
         text(&self.folder.path().join(name))
     }
 
-    /// Copies a folder of stand-ins into the checkout.
+    /// Copies a folder of stand-ins into the checkout, after the one that it names in `includes.txt`.
     fn copy(&self, part: &str) {
         let from = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("tests/data/adapters")
             .join(part);
+        if let Ok(included) = fs::read_to_string(from.join("includes.txt")) {
+            self.copy(included.trim());
+        }
         for file in files(&from) {
             let target = PathBuf::from(self.at("code")).join(&file);
             fs::create_dir_all(target.parent().unwrap()).unwrap();
@@ -162,6 +165,17 @@ fn perspective(sequence: &Path, folder: &Path) -> PathBuf {
     scene
 }
 
+/// Imports a drive with boxes and distances.
+fn drive(folder: &Path) -> PathBuf {
+    let scene = folder.join("drive");
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/drive/kitti");
+    let (from, to) = (text(&fixture), text(&scene));
+    let import = ["--quiet", "curate", "import", &from, "--format"];
+    let into = ["kitti-tracking", "--id", "drive", "--out", &to];
+    omnilife(import.into_iter().chain(into)).succeeded();
+    scene
+}
+
 /// Replaces a manifest's environment by a virtual one.
 fn environment(manifest: &str, path: &str) -> String {
     let without = match manifest.split_once("[environment]\n") {
@@ -227,6 +241,18 @@ fn a_data_set_that_a_loader_refuses_fails_the_run() {
             "[flow,mask,blender]",
             "[flow,mask,colmap]",
             "poses_bounds.npy",
+        ),
+        (
+            "omnire",
+            "--tracks \\\"$1/tracks.json",
+            "--tracks \\\"$1/objects.json",
+            "boxes of vehicles",
+        ),
+        (
+            "street-gaussians",
+            "['original_size']",
+            "['other_size']",
+            "would be resized",
         ),
         (
             "layered-neural-atlases",

@@ -1,8 +1,12 @@
 //! The list of adapters, one row each.
 
-use super::{Adapter, AdapterTrial};
+use super::{Adapter, AdapterScenes, AdapterTrial};
 
 const DNERF: (&str, &str) = ("dnerf.py", include_str!("../../adapters/dnerf.py"));
+const DRIVESTUDIO: (&str, &str) = (
+    "drivestudio.py",
+    include_str!("../../adapters/drivestudio.py"),
+);
 const FOUND: (&str, &str) = ("found.py", include_str!("../../adapters/found.py"));
 const GROUPS: (&str, &str) = ("groups.py", include_str!("../../adapters/groups.py"));
 const LNA: (&str, &str) = ("lna.py", include_str!("../../adapters/lna.py"));
@@ -25,7 +29,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "odgs",
         protocol: "per-scene",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "ODGS by its authors' code",
         manifest: include_str!("../../adapters/odgs.toml"),
         files: &[],
@@ -38,7 +42,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "deformable-gs",
         protocol: "per-scene",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "Deformable 3D Gaussians by its authors' code, on cube faces",
         manifest: include_str!("../../adapters/deformable-gs.toml"),
         files: &[DNERF, PLY],
@@ -51,7 +55,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "pvg",
         protocol: "per-scene",
-        is_perspective: true,
+        scenes: AdapterScenes::Perspective,
         about: "Periodic Vibration Gaussian by its authors' code, on perspective scenes",
         manifest: include_str!("../../adapters/pvg.toml"),
         files: &[PVG],
@@ -64,7 +68,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "omnigs",
         protocol: "per-scene",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "OmniGS by its authors' code",
         manifest: include_str!("../../adapters/omnigs.toml"),
         files: &[OMNIGS, PLY, FOUND],
@@ -77,7 +81,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "pfgs360",
         protocol: "per-scene",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "PFGS360 by its authors' code, which finds the poses itself",
         manifest: include_str!("../../adapters/pfgs360.toml"),
         files: &[],
@@ -90,7 +94,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "lichtfeld",
         protocol: "per-scene",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "LichtFeld Studio with `--gut`, on panoramas",
         manifest: include_str!("../../adapters/lichtfeld.toml"),
         files: &[],
@@ -103,7 +107,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "gsplat-faces",
         protocol: "per-scene",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "gsplat's example trainer, on cube faces",
         manifest: include_str!("../../adapters/gsplat-faces.toml"),
         files: &[SPLIT_COLMAP],
@@ -116,7 +120,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "3dgrut-faces",
         protocol: "per-scene",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "3DGUT by its authors' code, on cube faces",
         manifest: include_str!("../../adapters/3dgrut-faces.toml"),
         files: &[SPLIT_COLMAP, FOUND],
@@ -129,7 +133,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "pansplat",
         protocol: "sparse-interpolation",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "PanSplat by its authors' code",
         manifest: include_str!("../../adapters/pansplat.toml"),
         files: &[PANSPLAT],
@@ -142,7 +146,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "splatter-360",
         protocol: "sparse-interpolation",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "Splatter-360 by its authors' code",
         manifest: include_str!("../../adapters/splatter-360.toml"),
         files: &[GROUPS],
@@ -155,7 +159,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "panosplatt3r",
         protocol: "sparse-interpolation",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "PanoSplatt3R by its authors' code, its scale aligned",
         manifest: include_str!("../../adapters/panosplatt3r.toml"),
         files: &[GROUPS, PATCHED],
@@ -168,7 +172,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "nag",
         protocol: "input-view",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "Neural Atlas Graphs by their authors' code",
         manifest: include_str!("../../adapters/nag.toml"),
         files: &[],
@@ -181,33 +185,33 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "omnire",
         protocol: "input-view",
-        is_perspective: false,
+        scenes: AdapterScenes::Traffic,
         about: "OmniRe by its authors' code (drivestudio)",
         manifest: include_str!("../../adapters/omnire.toml"),
-        files: &[],
-        loader: "ziyc/drivestudio at e59bda4",
-        reads: "Waymo as drivestudio prepares it",
-        lost: "nothing is exported",
-        views: "images by frame and camera",
-        tried: AdapterTrial::ByHand,
+        files: &[DRIVESTUDIO, PATCHED, FOUND],
+        loader: "ziyc/drivestudio at ce506b7, `datasets/waymo/waymo_sourceloader.py`, `datasets/base/pixel_source.py`, `tools/`",
+        reads: "Waymo as drivestudio prepares it: `images/`, `ego_pose/`, `lidar/`, `instances/`",
+        lost: "human bodies (people are deformable nodes), the sky",
+        views: "numbered images",
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "street-gaussians",
         protocol: "input-view",
-        is_perspective: false,
+        scenes: AdapterScenes::Traffic,
         about: "Street Gaussians as drivestudio has it",
         manifest: include_str!("../../adapters/street-gaussians.toml"),
-        files: &[],
-        loader: "ziyc/drivestudio at e59bda4",
-        reads: "Waymo as drivestudio prepares it",
-        lost: "nothing is exported",
-        views: "images by frame and camera",
-        tried: AdapterTrial::ByHand,
+        files: &[DRIVESTUDIO, PATCHED, FOUND],
+        loader: "ziyc/drivestudio at ce506b7, `datasets/waymo/waymo_sourceloader.py`, `datasets/base/pixel_source.py`, `tools/`",
+        reads: "Waymo as drivestudio prepares it: `images/`, `ego_pose/`, `lidar/`, `instances/`",
+        lost: "people, the sky",
+        views: "numbered images",
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "emernerf",
         protocol: "input-view",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "EmerNeRF by its authors' code",
         manifest: include_str!("../../adapters/emernerf.toml"),
         files: &[],
@@ -220,7 +224,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "layered-neural-atlases",
         protocol: "input-view",
-        is_perspective: false,
+        scenes: AdapterScenes::Panoramas,
         about: "Layered Neural Atlases by their authors' code",
         manifest: include_str!("../../adapters/layered-neural-atlases.toml"),
         files: &[LNA, PATCHED],
@@ -233,7 +237,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "omnimatte-rf",
         protocol: "input-view",
-        is_perspective: true,
+        scenes: AdapterScenes::Perspective,
         about: "OmnimatteRF by its authors' code, on perspective scenes",
         manifest: include_str!("../../adapters/omnimatte-rf.toml"),
         files: &[OMNIMATTE_RF, PLY],

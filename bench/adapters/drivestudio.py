@@ -1,0 +1,251 @@
+"""A scene of traffic as drivestudio keeps Waymo, its configurations without human bodies, and the names of its views.
+
+prepare: the frames of one perspective camera, in the order of time, each a moment of its own:
+
+    OUT/000/images/000_0.jpg ...        the frames, whatever their format
+    OUT/000/sky_masks/000_0.png ...     black: no sky is known
+    OUT/000/dynamic_masks/all/...       the masks, for its own scores; of people and of vehicles they are black
+    OUT/000/ego_pose/000.txt ...        vehicle to world, 4 x 4; x forward, y left, z up: the camera stands for it
+    OUT/000/extrinsics/0.txt            the identity
+    OUT/000/intrinsics/0.txt            fx, fy, cx, cy and no distortion
+    OUT/000/lidar/000.bin ...           14 f32 a point: its origin and place in the vehicle's axes, then zeros
+    OUT/000/instances/*.json            the boxes of tracked objects, and those of each frame
+    OUT/size.txt                        height and width of the frames
+
+Points are where the frames have distances. Instances are vehicles, whose nodes are rigid, and people, whose nodes
+deform: bodies would need poses that are not known. Needs nothing but Python.
+"""
+
+import argparse
+import bisect
+import json
+import math
+import struct
+import zlib
+from pathlib import Path
+
+# Classes of tracks, and the names of their nodes' classes there.
+CLASSES = {"vehicle": "Vehicle", "person": "Cyclist"}
+MOST_POINTS = 60_000
+
+
+def rotation(quaternion):
+    """Returns the rows of the matrix of a quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+
+
+def with_place(columns, place):
+    """Returns the rows of a 4 x 4 matrix from its columns and its translation."""
+    return [[*(column[row] for column in columns), place[row]] for row in range(3)] + [[0, 0, 0, 1]]
+
+
+def text_of(rows):
+    return "\n".join(" ".join(repr(float(value)) for value in row) for row in rows) + "\n"
+
+
+def write_black(path, width, height):
+    def chunk(name, body):
+        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    rows = zlib.compress(bytes((width + 1) * height))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
+
+
+def unfiltered(kind, line, above):
+    """Undoes a filter of PNG, for pixels of two bytes."""
+    for place in range(len(line)):
+        left, corner = (line[place - 2], above[place - 2]) if place >= 2 else (0, 0)
+        if kind == 4:
+            estimate = left + above[place] - corner
+            guess = min((left, above[place], corner), key=lambda value: abs(estimate - value))
+        else:
+            guess = (0, left, above[place], (left + above[place]) // 2)[kind]
+        line[place] = (line[place] + guess) & 255
+    return line
+
+
+def distances(path):
+    """Returns width, height and the values of a 16-bit grey PNG, row by row."""
+    data = path.read_bytes()
+    place, packed, head = 8, b"", None
+    while place < len(data):
+        length, name = struct.unpack(">I4s", data[place : place + 8])
+        body = data[place + 8 : place + 8 + length]
+        if name == b"IHDR":
+            head = struct.unpack(">IIBBBBB", body)
+        elif name == b"IDAT":
+            packed += body
+        place += 12 + length
+    if head is None or head[2:4] != (16, 0) or head[6] != 0:
+        raise SystemExit(f"{path} must be a grey PNG of 16 bits that is not interlaced")
+    width, height = head[:2]
+    lines, above, values = zlib.decompress(packed), bytearray(2 * width), []
+    for row in range(height):
+        begin = row * (2 * width + 1)
+        above = unfiltered(lines[begin], bytearray(lines[begin + 1 : begin + 1 + 2 * width]), above)
+        values += struct.unpack(f">{width}H", above)
+    return width, height, values
+
+
+def points_of(prior, folder, camera):
+    """Returns the points of a frame's distances, in the vehicle's axes."""
+    width, height, values = distances(folder / prior["file"])
+    known = [index for index, value in enumerate(values) if value]
+    points = []
+    for index in known[:: max(1, math.ceil(len(known) / MOST_POINTS))]:
+        column, row = (index % width + 0.5) / width, (index // width + 0.5) / height
+        x = (column * camera["width"] - camera["cx"]) / camera["fx"]
+        y = (row * camera["height"] - camera["cy"]) / camera["fy"]
+        depth = values[index] * prior["unit"]
+        if prior["convention"] == "ray":
+            depth /= math.sqrt(x * x + y * y + 1)
+        points.append((depth, -x * depth, -y * depth))
+    return points
+
+
+def spline(path, seconds):
+    """Returns the position on a B-spline, or nothing before its first and after its last instant."""
+    degree, knots = path["degree"], path["knots"]
+    if not knots[degree] <= seconds <= knots[-degree - 1]:
+        return None
+    last = len(path["coefficients"]) - 1
+    piece = min(bisect.bisect_right(knots, seconds) - 1, last)
+    parts = [list(path["coefficients"][piece - degree + number]) for number in range(degree + 1)]
+    for level in range(1, degree + 1):
+        for number in range(degree, level - 1, -1):
+            first = piece - degree + number
+            span = knots[first + degree - level + 1] - knots[first]
+            share = (seconds - knots[first]) / span if span else 0.0
+            parts[number] = [(1 - share) * a + share * b for a, b in zip(parts[number - 1], parts[number])]
+    return parts[degree]
+
+
+def heading(path, seconds):
+    """Returns the heading at a time: linear between its samples, the short way around."""
+    times, angles = path["heading_seconds"], path["headings"]
+    after = bisect.bisect_right(times, seconds)
+    if after in (0, len(times)):
+        return angles[min(after, len(times) - 1)]
+    turn = math.remainder(angles[after] - angles[after - 1], math.tau)
+    return angles[after - 1] + turn * (seconds - times[after - 1]) / (times[after] - times[after - 1])
+
+
+def cross(a, b):
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def box(track, up, seconds):
+    """Returns object to world at a time: x is ahead, z up."""
+    centre = spline(track["path"]["centre"], seconds)
+    if centre is None:
+        return None
+    along = [1, 0, 0] if abs(up[0]) < max(abs(up[1]), 0.9) else [0, 1, 0]
+    part = sum(a * b for a, b in zip(along, up))
+    first = [a - part * b for a, b in zip(along, up)]
+    length = math.hypot(*first)
+    first = [value / length for value in first]
+    second, angle = cross(up, first), heading(track["path"], seconds)
+    ahead = [math.cos(angle) * a + math.sin(angle) * b for a, b in zip(first, second)]
+    return with_place([ahead, cross(up, ahead), up], centre)
+
+
+def write_instances(tracks, times, out):
+    """Writes the boxes of all tracks of known classes; returns their number."""
+    infos, seen = {}, {str(number): [] for number in range(len(times))}
+    for track in tracks["tracks"]:
+        if track["class"] not in CLASSES:
+            print(f"track {track['id']} of class {track['class']} is left out")
+            continue
+        found = [(number, box(track, tracks["up"], seconds)) for number, seconds in enumerate(times)]
+        found = [(number, pose) for number, pose in found if pose]
+        if not found:
+            continue
+        name = str(len(infos))
+        for number, _ in found:
+            seen[str(number)].append(int(name))
+        notes = {"frame_idx": [number for number, _ in found], "obj_to_world": [pose for _, pose in found],
+                 "box_size": [track["dimensions"]] * len(found)}
+        infos[name] = {"id": str(track["id"]), "class_name": CLASSES[track["class"]], "frame_annotations": notes}
+    (out / "instances_info.json").write_text(json.dumps(infos))
+    (out / "frame_instances.json").write_text(json.dumps(seen))
+    return len(infos)
+
+
+def prepare(arguments):
+    data, out = arguments.data, arguments.out / "000"
+    scene = json.loads((data / "scene.json").read_text())
+    camera = scene["camera"]
+    if camera["model"] != "pinhole":
+        raise SystemExit(f"{data} must have perspective frames, got {camera['model']}")
+    if not arguments.tracks.is_file():
+        raise SystemExit(f"{arguments.tracks} is missing: without boxes of vehicles there is nothing that moves")
+    frames = [frame for frame in scene["frames"] if frame.get("pose")]
+    if len(frames) > 1000:
+        raise SystemExit(f"{data} has {len(frames)} frames, and 1000 can be numbered")
+    without = [frame["image"] for frame in frames if not frame.get("depth_prior")]
+    if without:
+        raise SystemExit(f"{without[0]} has no distances: points of vehicles come from them (curate attach --depth-prior)")
+    masks = [f"dynamic_masks/{name}" for name in ("all", "human", "vehicle")]
+    for name in ["images", "sky_masks", "ego_pose", "extrinsics", "intrinsics", "lidar", "instances", *masks]:
+        (out / name).mkdir(parents=True)
+    (arguments.out / "size.txt").write_text(f"{camera['height']}, {camera['width']}\n")
+    (out / "extrinsics/0.txt").write_text(text_of([[float(row == column) for column in range(4)] for row in range(4)]))
+    lens = [camera[name] for name in ("fx", "fy", "cx", "cy")]
+    (out / "intrinsics/0.txt").write_text(text_of([[value] for value in lens + [0] * 5]))
+    for number, frame in enumerate(frames):
+        name = f"{number:03}"
+        (out / f"images/{name}_0.jpg").symlink_to((data / frame["image"]).resolve())
+        for folder in ["sky_masks", *masks]:
+            mask = out / f"{folder}/{name}_0.png"
+            if folder == masks[0] and frame.get("mask"):
+                mask.symlink_to((data / frame["mask"]).resolve())
+            else:
+                write_black(mask, camera["width"], camera["height"])
+        rows = rotation(frame["pose"]["rotation_wxyz"])
+        right, down, ahead = ([row[column] for row in rows] for column in range(3))
+        pose = with_place([ahead, [-value for value in right], [-value for value in down]], frame["pose"]["centre"])
+        (out / f"ego_pose/{name}.txt").write_text(text_of(pose))
+        points = points_of(frame["depth_prior"], data, camera)
+        (out / f"lidar/{name}.bin").write_bytes(b"".join(struct.pack("<14f", 0, 0, 0, *point, *[0] * 8) for point in points))
+    times = [frame["time_seconds"] for frame in frames]
+    if not write_instances(json.loads(arguments.tracks.read_text()), times, out / "instances"):
+        raise SystemExit(f"{arguments.tracks} has no vehicle and no person at the times of the frames")
+
+
+def without_bodies(arguments):
+    """Copies a configuration without its nodes of human bodies."""
+    lines = arguments.configuration.read_text().splitlines(keepends=True)
+    kept, is_left_out = [], False
+    for line in lines:
+        is_key = line.strip() and not line.lstrip().startswith("#")
+        if is_key and len(line) - len(line.lstrip()) <= 2:
+            is_left_out = line.split(":")[0].strip() == "SMPLNodes"
+        if not is_left_out:
+            kept.append(line)
+    arguments.out.write_text("".join(kept))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    commands = parser.add_subparsers(required=True)
+    command = commands.add_parser("prepare")
+    command.add_argument("--data", type=Path, required=True)
+    command.add_argument("--tracks", type=Path, required=True)
+    command.set_defaults(run=prepare)
+    other = commands.add_parser("without-bodies")
+    other.add_argument("configuration", type=Path)
+    other.set_defaults(run=without_bodies)
+    for one in (command, other):
+        one.add_argument("--out", type=Path, required=True)
+    arguments = parser.parse_args()
+    arguments.run(arguments)
+
+
+if __name__ == "__main__":
+    main()
