@@ -1,19 +1,19 @@
-"""A scene of traffic as drivestudio keeps Waymo, its configurations without human bodies, and the names of its views.
+"""A scene of traffic as drivestudio and EmerNeRF keep Waymo, configurations without human bodies, and names of views.
 
 prepare: the frames of one perspective camera, in the order of time, each a moment of its own:
 
     OUT/000/images/000_0.jpg ...        the frames, whatever their format
     OUT/000/sky_masks/000_0.png ...     black: no sky is known
-    OUT/000/dynamic_masks/all/...       the masks, for its own scores; of people and of vehicles they are black
+    OUT/000/dynamic_masks/000_0.png ... the masks, for their own scores; also in all/, black in human/ and vehicle/
     OUT/000/ego_pose/000.txt ...        vehicle to world, 4 x 4; x forward, y left, z up: the camera stands for it
     OUT/000/extrinsics/0.txt            the identity
-    OUT/000/intrinsics/0.txt            fx, fy, cx, cy and no distortion
+    OUT/000/intrinsics/0.txt            fx, fy, cx, cy and no distortion; of images of --intrinsics-of, where it is given
     OUT/000/lidar/000.bin ...           14 f32 a point: its origin and place in the vehicle's axes, then zeros
     OUT/000/instances/*.json            the boxes of tracked objects, and those of each frame
     OUT/size.txt                        height and width of the frames
 
 Points are where the frames have distances. Instances are vehicles, whose nodes are rigid, and people, whose nodes
-deform: bodies would need poses that are not known. Needs nothing but Python.
+deform: bodies would need poses that are not known. Without --tracks there are none. Needs nothing but Python.
 """
 
 import argparse
@@ -183,7 +183,7 @@ def prepare(arguments):
     camera = scene["camera"]
     if camera["model"] != "pinhole":
         raise SystemExit(f"{data} must have perspective frames, got {camera['model']}")
-    if not arguments.tracks.is_file():
+    if arguments.tracks and not arguments.tracks.is_file():
         raise SystemExit(f"{arguments.tracks} is missing: without boxes of vehicles there is nothing that moves")
     frames = [frame for frame in scene["frames"] if frame.get("pose")]
     if len(frames) > 1000:
@@ -191,19 +191,21 @@ def prepare(arguments):
     without = [frame["image"] for frame in frames if not frame.get("depth_prior")]
     if without:
         raise SystemExit(f"{without[0]} has no distances: points of vehicles come from them (curate attach --depth-prior)")
-    masks = [f"dynamic_masks/{name}" for name in ("all", "human", "vehicle")]
+    masks = ["dynamic_masks", *(f"dynamic_masks/{name}" for name in ("all", "human", "vehicle"))]
     for name in ["images", "sky_masks", "ego_pose", "extrinsics", "intrinsics", "lidar", "instances", *masks]:
-        (out / name).mkdir(parents=True)
+        (out / name).mkdir(parents=True, exist_ok=name == masks[0])
     (arguments.out / "size.txt").write_text(f"{camera['height']}, {camera['width']}\n")
     (out / "extrinsics/0.txt").write_text(text_of([[float(row == column) for column in range(4)] for row in range(4)]))
-    lens = [camera[name] for name in ("fx", "fy", "cx", "cy")]
+    height, width = arguments.intrinsics_of or (camera["height"], camera["width"])
+    scales = [width / camera["width"], height / camera["height"]]
+    lens = [camera[name] * scale for name, scale in zip(("fx", "fy", "cx", "cy"), scales * 2)]
     (out / "intrinsics/0.txt").write_text(text_of([[value] for value in lens + [0] * 5]))
     for number, frame in enumerate(frames):
         name = f"{number:03}"
         (out / f"images/{name}_0.jpg").symlink_to((data / frame["image"]).resolve())
         for folder in ["sky_masks", *masks]:
             mask = out / f"{folder}/{name}_0.png"
-            if folder == masks[0] and frame.get("mask"):
+            if folder in masks[:2] and frame.get("mask"):
                 mask.symlink_to((data / frame["mask"]).resolve())
             else:
                 write_black(mask, camera["width"], camera["height"])
@@ -214,7 +216,7 @@ def prepare(arguments):
         points = points_of(frame["depth_prior"], data, camera)
         (out / f"lidar/{name}.bin").write_bytes(b"".join(struct.pack("<14f", 0, 0, 0, *point, *[0] * 8) for point in points))
     times = [frame["time_seconds"] for frame in frames]
-    if not write_instances(json.loads(arguments.tracks.read_text()), times, out / "instances"):
+    if arguments.tracks and not write_instances(json.loads(arguments.tracks.read_text()), times, out / "instances"):
         raise SystemExit(f"{arguments.tracks} has no vehicle and no person at the times of the frames")
 
 
@@ -231,17 +233,32 @@ def without_bodies(arguments):
     arguments.out.write_text("".join(kept))
 
 
+def views(arguments):
+    """Names views by their order: theirs have the number of the frame times three."""
+    found = sorted(arguments.data.glob(arguments.name), key=lambda path: int(path.stem.rsplit("_", 1)[1]))
+    if not found:
+        raise SystemExit(f"{arguments.data} has no {arguments.name}")
+    arguments.out.mkdir()
+    for index, view in enumerate(found):
+        (arguments.out / f"{index:03}.png").symlink_to(view.resolve())
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(required=True)
     command = commands.add_parser("prepare")
-    command.add_argument("--data", type=Path, required=True)
-    command.add_argument("--tracks", type=Path, required=True)
+    command.add_argument("--tracks", type=Path)
+    command.add_argument("--intrinsics-of", type=int, nargs=2, metavar=("HEIGHT", "WIDTH"))
     command.set_defaults(run=prepare)
+    last = commands.add_parser("views")
+    last.add_argument("--name", required=True)
+    last.set_defaults(run=views)
+    for one in (command, last):
+        one.add_argument("--data", type=Path, required=True)
     other = commands.add_parser("without-bodies")
     other.add_argument("configuration", type=Path)
     other.set_defaults(run=without_bodies)
-    for one in (command, other):
+    for one in (command, other, last):
         one.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
     arguments.run(arguments)

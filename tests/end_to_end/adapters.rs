@@ -255,6 +255,12 @@ fn a_data_set_that_a_loader_refuses_fails_the_run() {
             "would be resized",
         ),
         (
+            "emernerf",
+            "--intrinsics-of 1280 1920 ",
+            "",
+            "its frame does not see",
+        ),
+        (
             "layered-neural-atlases",
             "glob('*.png')",
             "glob('*.jpg')",

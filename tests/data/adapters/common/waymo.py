@@ -1,4 +1,4 @@
-"""The loader of the layout in which drivestudio keeps Waymo, and what its programs share."""
+"""The loader of the layout in which drivestudio and EmerNeRF keep Waymo, and what their programs share."""
 
 import json
 import re
@@ -47,16 +47,22 @@ def settings(words):
     return found
 
 
-def read(root, size, known):
+def read(root, size, known=(), intrinsics_of=None):
     """Returns the files of the images, after checks that boxes hold the points of what the images show."""
+    size = tuple(size)
     data = root / "000"
     count = len(list((data / "ego_pose").iterdir()))
     camera_to_ego = product(matrix(data / "extrinsics/0.txt"), FROM_CAMERA)
     fx, fy, cx, cy, *distortion = [float(word) for word in (data / "intrinsics/0.txt").read_text().split()]
     assert len(distortion) == 5
-    infos = json.loads((data / "instances/instances_info.json").read_text())
-    of_frames = json.loads((data / "instances/frame_instances.json").read_text())
-    assert sorted(map(int, of_frames)) == list(range(count)) and infos
+    if intrinsics_of:
+        scales = [size[0] / intrinsics_of[0], size[1] / intrinsics_of[1]]
+        fy, cy, fx, cx = fy * scales[0], cy * scales[0], fx * scales[1], cx * scales[1]
+    infos, of_frames = {}, {str(frame): [] for frame in range(count)}
+    if known:
+        infos = json.loads((data / "instances/instances_info.json").read_text())
+        of_frames = json.loads((data / "instances/frame_instances.json").read_text())
+        assert sorted(map(int, of_frames)) == list(range(count)) and infos
     start = inverse(matrix(data / "ego_pose/000.txt"))
     boxes = {}
     for name, info in infos.items():
@@ -72,7 +78,8 @@ def read(root, size, known):
         file = data / f"images/{name}_0.jpg"
         width, height, rows = images.read(file)
         assert (height, width) == size, f"{file} would be resized to {size}"
-        for mask in ["sky_masks", *(f"dynamic_masks/{kind}" for kind in ("all", "human", "vehicle"))]:
+        kinds = [f"dynamic_masks/{kind}" for kind in ("all", "human", "vehicle")] if known else ["dynamic_masks"]
+        for mask in ["sky_masks", *kinds]:
             assert images.read(data / f"{mask}/{name}_0.png")[:2] == (width, height)
         ego = product(start, matrix(data / f"ego_pose/{name}.txt"))
         to_camera = inverse(product(ego, camera_to_ego))
