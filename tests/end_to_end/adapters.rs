@@ -258,7 +258,7 @@ fn a_data_set_that_a_loader_refuses_fails_the_run() {
             "emernerf",
             "--intrinsics-of 1280 1920 ",
             "",
-            "its frame does not see",
+            "no middle of a pixel",
         ),
         (
             "layered-neural-atlases",

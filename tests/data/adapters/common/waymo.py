@@ -90,8 +90,12 @@ def read(root, size, known=(), intrinsics_of=None):
             assert values[:3] == (0, 0, 0) and values[13] == 0 and -2 < values[3] < 80
             place = apply(ego, values[3:6])
             x, y, z = apply(to_camera, place)
-            column, row = int(fx * x / z + cx), int(fy * y / z + cy)
-            assert z > 0 and 0 <= column < width and 0 <= row < height, "a point that its frame does not see"
+            assert z > 0, "a point behind the camera"
+            places = [fx * x / z + cx, fy * y / z + cy]
+            column, row = map(int, places)
+            assert 0 <= column < width and 0 <= row < height, "a point that its frame does not see"
+            # Distances are those of pixels.
+            assert all(abs(at % 1 - 0.5) < 0.05 for at in places), f"{places} is no middle of a pixel"
             for instance, found in colours.items():
                 to_box, sides = boxes[frame, instance]
                 if all(abs(at) < side / 2 for at, side in zip(apply(to_box, place), sides)):
