@@ -1,6 +1,10 @@
 //! `SHA256SUMS`: a checksum of every file of a dataset, in the form of `sha256sum`.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::Path,
+};
 
 use omnilife_schemas::{
     layout::{CHECKSUMS_FILE, PAGE_FILE, STATUS_FILE},
@@ -52,11 +56,21 @@ fn is_working_file(name: &str) -> bool {
     [PAGE_FILE, STATUS_FILE].contains(&name) || name.starts_with('.')
 }
 
-/// Returns the entries of a dataset's folder that a release leaves out.
+/// Returns the names of a dataset's entries that a release leaves out, at any depth, sorted.
 pub(super) fn working_files(folder: &Path) -> Result<Vec<String>, StoreError> {
-    let mut names = store::names_in(folder)?;
-    names.retain(|name| is_working_file(name));
-    Ok(names)
+    let mut found = BTreeSet::new();
+    let mut pending = vec![folder.to_owned()];
+    while let Some(at) = pending.pop() {
+        for path in store::paths_in(&at)? {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            if store::is_hidden(&path) || (at == folder && is_working_file(&name)) {
+                found.insert(name.into_owned());
+            } else if path.is_dir() && !path.is_symlink() {
+                pending.push(path);
+            }
+        }
+    }
+    Ok(found.into_iter().collect())
 }
 
 /// Returns all files of a dataset relative to it, with `/` between folders, sorted. Left out are hidden files (this

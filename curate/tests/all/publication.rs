@@ -10,7 +10,7 @@ use omnilife_curate::{
     CurateSettings,
     annotation::{AnnotateSettings, annotate_dataset},
     curate_dataset,
-    publish::{PublishSettings, publish, unstated, verify},
+    publish::{PublishSettings, publish, unstated, verify, working_files},
     slicing::SliceSettings,
 };
 use omnilife_schemas::{
@@ -236,6 +236,22 @@ fn the_card_of_perspective_video_claims_no_panoramas() {
         croissant(&out)["keywords"],
         serde_json::json!(["perspective video", "3D reconstruction"])
     );
+}
+
+/// Masks of a program that failed lie hidden in a sequence: no part of a release, and named.
+#[test]
+fn hidden_folders_of_sequences_are_no_part_of_a_release() {
+    let (_folder, out) = dataset();
+    let hidden = out.join("videos/walk/seq-000/.unfinished-masks");
+    fs::create_dir(&hidden).unwrap();
+    fs::write(hidden.join("request.txt"), "sh net.sh").unwrap();
+    publish(&out, &PublishSettings::default(), &Silent).unwrap();
+    assert_eq!(verify(&out, &Silent).unwrap(), [""; 0]);
+    let sums = fs::read_to_string(out.join("SHA256SUMS")).unwrap();
+    assert!(!sums.contains("unfinished"), "{sums}");
+    fs::write(out.join("index.html"), "the page").unwrap();
+    let working = working_files(&out).unwrap();
+    assert_eq!(working, [".done", ".unfinished-masks", "index.html"]);
 }
 
 #[test]
