@@ -2,11 +2,14 @@
 //!
 //! Letters of a caption appear within half a second and go at once. What moves past the camera, and what the camera
 //! carries, changes pixel by pixel. Where a camera rests, strokes all over the image begin and end together, so that a
-//! caption must have most of them. It must begin or end within a shot, unless it stays for all of a longer one.
+//! caption must have most of them. It must begin or end within a shot, unless it stays for all of a longer one; over a
+//! scene that rests it must do both, because whatever comes or goes in front of the scene ends or begins strokes too.
 
 use std::{collections::BTreeMap, ops::RangeInclusive};
 
-use omnilife_schemas::records::{Boundary, Overlay, OverlayClass, Sightings, TimeRange};
+use omnilife_schemas::records::{
+    Boundary, Overlay, OverlayClass, OverlaySpan, Sightings, TimeRange,
+};
 
 use super::{
     by_shot,
@@ -100,7 +103,7 @@ impl CaptionPass {
     }
 
     /// Returns the captions, each place once, in order of time.
-    pub(super) fn captions(&self, boundaries: &[Boundary]) -> Vec<Overlay> {
+    pub(super) fn captions(&self, boundaries: &[Boundary], spans: &[OverlaySpan]) -> Vec<Overlay> {
         let mut whole = self.clone();
         whole.runs.end();
         // Ends are looked for in the middle of the samples around them.
@@ -112,7 +115,7 @@ impl CaptionPass {
         groups.sort_by_key(|group| group.begin);
         let mut found = Vec::new();
         for group in groups {
-            if let Some(class) = self.class(&group, boundaries) {
+            if let Some(class) = self.class(&group, boundaries, spans) {
                 by_shot::add(&mut found, self.overlay(&group, class), |_, _| true);
             }
         }
@@ -215,8 +218,14 @@ impl CaptionPass {
         regions.iter().filter_map(group).collect()
     }
 
-    /// Returns the class of a group; `None` if it begins and ends with its shot and does not last.
-    fn class(&self, group: &Group, boundaries: &[Boundary]) -> Option<OverlayClass> {
+    /// Returns the class of a group; `None` if it begins and ends with its shot and does not last, or if it begins or
+    /// ends with a shot in which nothing moves: then it may be the scene, in front of which something comes or goes.
+    fn class(
+        &self,
+        group: &Group,
+        boundaries: &[Boundary],
+        spans: &[OverlaySpan],
+    ) -> Option<OverlayClass> {
         let [first, last] = [self.times.first()?, self.times.last()?];
         let interval = (last - first) / f64::from(self.samples().max(2) - 1);
         let margin = BOUNDARY_INTERVALS * interval;
@@ -227,10 +236,17 @@ impl CaptionPass {
             };
             seconds - first < margin || last - seconds < margin || boundaries.iter().any(is_near)
         };
-        if !is_with_shot(group.begin) || !is_with_shot(group.end) {
-            return Some(OverlayClass::Caption);
+        let ends = [group.begin, group.end];
+        let middle = 0.5 * ends.map(|number| self.seconds(number)).iter().sum::<f64>();
+        match ends.map(is_with_shot) {
+            [false, false] => Some(OverlayClass::Caption),
+            [true, true] => {
+                (group.samples() >= LEAST_LASTING_SAMPLES).then_some(OverlayClass::Watermark)
+            }
+            _ => (spans.iter())
+                .any(|span| span.moving_steps > 0 && span.range.contains(middle))
+                .then_some(OverlayClass::Caption),
         }
-        (group.samples() >= LEAST_LASTING_SAMPLES).then_some(OverlayClass::Watermark)
     }
 
     fn seconds(&self, number: u32) -> f64 {

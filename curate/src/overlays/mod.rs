@@ -38,8 +38,8 @@ use omnilife_schemas::records::{Boundary, Overlay, OverlayReport};
 const LEAST_MOVING_STEPS: u32 = 12;
 
 /// Rules of judgement, part of the cache key of the analysis.
-pub(crate) const SETTINGS: &str =
-    "by shot, else as a whole, 12 moving steps; captions that begin and end together";
+pub(crate) const SETTINGS: &str = "by shot, else as a whole, 12 moving steps; captions that begin and end together, \
+     of resting scenes within a shot alone";
 
 /// Reports the overlays found by the passes over an equirectangular video with these shot boundaries, in order of time.
 pub fn report(pass: &OverlayPass, mosaics: &MosaicPass, boundaries: &[Boundary]) -> OverlayReport {
@@ -52,7 +52,7 @@ pub fn report(pass: &OverlayPass, mosaics: &MosaicPass, boundaries: &[Boundary])
     };
     let moving = mosaics.overlay().filter(|seen| !is_known(seen));
     report.overlays.extend(moving);
-    let mut captions = pass.captions().captions(boundaries);
+    let mut captions = pass.captions().captions(boundaries, &report.spans);
     captions.retain(|seen| {
         let mut standing = report.overlays.iter();
         !standing.any(|standing| by_shot::stands_for(standing, seen))

@@ -37,11 +37,21 @@ fn found(
     shown: impl Fn(usize) -> (usize, Option<usize>),
 ) -> Vec<Overlay> {
     let mut pass = OverlayPass::default();
+    let (mut moving_steps, mut last) = (0, None);
     for number in 0..frames {
         let (grain, letters) = shown(number);
         pass.observe(number as f64 * SAMPLE_SECONDS, &frame(grain, letters));
+        moving_steps += u32::from(last.is_some_and(|last| last != grain));
+        last = Some(grain);
     }
-    pass.captions().captions(boundaries)
+    let span = OverlaySpan {
+        range: TimeRange::new(0.0, frames as f64 * SAMPLE_SECONDS),
+        first_shot: 0,
+        shots: 1,
+        moving_steps,
+        is_judged: moving_steps >= 12,
+    };
+    pass.captions().captions(boundaries, &[span])
 }
 
 fn painted(frames: usize, left: usize, letters: Range<usize>) -> Vec<Overlay> {
@@ -110,6 +120,19 @@ fn a_caption_over_a_still_scene_is_found() {
     });
     assert_eq!(all.len(), 1, "{all:?}");
     assert_near(all[0].longitude_degrees, -11.25, 3.0);
+}
+
+/// Where a camera rests, a branch that an animal covers ends like a caption, and one that it uncovers begins like one.
+#[test]
+fn strokes_of_a_still_scene_that_are_covered_or_uncovered_are_no_caption() {
+    for shown in [0..12, 12..24] {
+        let still = found(24, &[], |number| {
+            (0, shown.contains(&number).then_some(200))
+        });
+        assert!(still.is_empty(), "{still:?}");
+        // A camera that moves has no such branch.
+        assert_eq!(painted(24, 200, shown).len(), 1);
+    }
 }
 
 /// A camera's own mount stays for a shot of a second too, but a sign stays for a longer one.
