@@ -101,10 +101,10 @@ def times(runs, curves):
     return grid(["Method", "Aids", *(f"PSNR at {seconds} s" for seconds in TIMES)], rows)
 
 
-def compare(folder, scenes):
-    """A row for each other method: `bench compare` of omni4dgs-plus against it in novel views of these scenes."""
+def compare(folder, scenes_of):
+    """A row for each other method: `bench compare` of omni4dgs-plus against it in novel views of its scenes."""
     rows = []
-    for method in METHODS[:-1]:
+    for method, scenes in scenes_of.items():
         with tempfile.TemporaryDirectory() as links:
             for one in (METHODS[-1], method):
                 (Path(links) / one).mkdir()
@@ -121,23 +121,29 @@ def compare(folder, scenes):
     return rows
 
 
-def comparisons(folder, runs):
+def comparisons(folder, runs, excluded):
+    """Rows of pairs: scenes that both methods have, with default aids those in which both had the same ones."""
     rows = []
     for aids, of_aids in runs.items():
-        names = sorted(set.intersection(*({run.scene for run in found} for found in of_aids.values())))
-        if len(names) < 2:
-            continue
-        rows += [[difference, AIDS[aids], *cells] for difference, *cells in compare(folder / aids, names)]
-    return grid(["Difference", "Aids", *(heading for heading, *_ in SCORES)], rows)
+        names = {method: sorted({run.scene for run in found} & {run.scene for run in of_aids[METHODS[-1]]}
+                                - {scene for scene, methods in excluded.items() if aids == "default" and method in methods})
+                 for method, found in of_aids.items() if method != METHODS[-1]}
+        pairs = {method: scenes for method, scenes in names.items() if len(scenes) > 1}
+        for (difference, *cells), scenes in zip(compare(folder / aids, pairs), pairs.values()):
+            rows.append([difference, AIDS[aids], *cells, str(len(scenes))])
+    return grid(["Difference", "Aids", *(heading for heading, *_ in SCORES), "Clips"], rows)
 
 
 def unequal(of_aids):
-    """The scenes in which a method used other aids than omni4dgs-plus, with those aids."""
-    found = defaultdict(set)
+    """The scenes in which methods used other aids than omni4dgs-plus: the aids by method."""
+    found = defaultdict(lambda: defaultdict(set))
     for one in of_aids[METHODS[-1]]:
-        for other in (run for method in METHODS for run in of_aids[method] if run.scene == one.scene):
-            found[one.scene].update(differing(one.record, other.record))
-    return {scene: sorted(aids) for scene, aids in found.items() if aids}
+        for method in METHODS:
+            for other in (run for run in of_aids[method] if (run.scene, run.seed) == (one.scene, one.seed)):
+                aids = differing(one.record, other.record)
+                if aids:
+                    found[one.scene][method].update(aids)
+    return found
 
 
 def scenes(of_aids, aids):
@@ -164,15 +170,18 @@ def without_score(runs):
 def tables(folder, protocol, runs):
     """The parts of one protocol. Means leave out scenes in which plans gave methods different aids."""
     aided = next(aids for aids in runs if aids != "bare")
-    excluded = unequal(runs[aided])
-    equal = {aids: {method: [run for run in found if aids == "bare" or run.scene not in excluded]
+    excluded = unequal(runs["default"]) if "default" in runs else {}
+    equal = {aids: {method: [run for run in found if aids != "default" or run.scene not in excluded]
                     for method, found in of_aids.items()} for aids, of_aids in runs.items()}
-    seeds = len({run.seed for run in runs[aided][METHODS[-1]]})
-    left_out = "; ".join(f"`{scene}` ({', '.join(f'`{aid}`' for aid in aids)})" for scene, aids in excluded.items())
-    note = f" Rows with aids leave out scenes in which plans gave methods different ones: {left_out}." if excluded else ""
-    return [f"**Protocol `{protocol}`**, novel views, means over scenes, {seeds} seed{'s' * (seeds > 1)}.{note}",
+    seeds = {aids: len({run.seed for run in of_aids[METHODS[-1]]}) for aids, of_aids in runs.items()}
+    seeds = ", ".join(f"{count} seed{'s' * (count > 1)} with aids {AIDS[aids]}" for aids, count in seeds.items())
+    left_out = "; ".join(f"`{scene}` ({', '.join(f'`{method}`' for method in methods)}: "
+                         f"{', '.join(sorted(set().union(*methods.values())))})" for scene, methods in excluded.items())
+    note = (" Means with default aids leave out scenes in which a method's plan gave it others than that of "
+            f"`omni4dgs-plus`, and so does the difference from that method: {left_out}." if excluded else "")
+    return [f"**Protocol `{protocol}`**, novel views, means over scenes; {seeds}.{note}",
             scores(equal), *without_score(runs),
-            "Paired differences with 95 % intervals over clips:", comparisons(folder / "results" / protocol, equal),
+            "Paired differences with 95 % intervals over clips:", comparisons(folder / "results" / protocol, runs, excluded),
             "At equal CPU time, by the last point of each curve at or before it:",
             times(equal, points_of(folder, protocol)),
             "By scene, PSNR:", scenes(runs[aided], aided)]

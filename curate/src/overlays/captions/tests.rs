@@ -122,7 +122,7 @@ fn a_caption_over_a_still_scene_is_found() {
     assert_near(all[0].longitude_degrees, -11.25, 3.0);
 }
 
-/// Where a camera rests, a branch that an animal covers ends like a caption, and one that it uncovers begins like one.
+/// A branch that an animal covers ends like a caption, and one that it uncovers begins like one, where a camera rests.
 #[test]
 fn strokes_of_a_still_scene_that_are_covered_or_uncovered_are_no_caption() {
     for shown in [0..12, 12..24] {
