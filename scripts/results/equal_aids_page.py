@@ -156,10 +156,12 @@ def scenes(of_aids, aids):
 
 def without_score(runs):
     """A line on the units of scenes and seeds without a score, which the means leave out; the terminal shows it too."""
-    units = {(run.scene, run.seed) for of_aids in runs.values() for found in of_aids.values() for run in found}
+    every = {run.scene for of_aids in runs.values() for found in of_aids.values() for run in found}
+    seeds = {aids: {run.seed for found in of_aids.values() for run in found} for aids, of_aids in runs.items()}
     missing = [f"`{method}` ({AIDS[aids]}) on {scene}, seed {seed}" for aids, of_aids in runs.items()
                for method, found in of_aids.items()
-               for scene, seed in sorted(units - {(run.scene, run.seed) for run in found})]
+               for scene, seed in sorted({(scene, seed) for scene in every for seed in seeds[aids]}
+                                         - {(run.scene, run.seed) for run in found})]
     if not missing:
         return []
     line = f"Without a score, and left out of the means: {'; '.join(missing)}."
