@@ -70,10 +70,10 @@ def scores(runs):
     return grid(["Method", "Aids", *(heading for heading, *_ in SCORES), "CPU s"], rows)
 
 
-def points_of(folder, protocol):
-    """PSNR over CPU seconds of each run, by method with its aids, scene and seed."""
+def points_of(folder, protocol, aids):
+    """PSNR over CPU seconds of each run with these aids, by method with its aids, scene and seed."""
     curves = defaultdict(list)
-    with open(folder / f"curves/{protocol}/points.csv", newline="") as file:
+    with open(folder / f"curves/{protocol}/{aids}/points.csv", newline="") as file:
         for row in csv.DictReader(file):
             if row["psnr_db"]:
                 curves[row["method"], row["scene"], row["seed"]].append((float(row["seconds"]), float(row["psnr_db"])))
@@ -86,11 +86,11 @@ def at(points, seconds):
     return before[-1] if before else None
 
 
-def times(runs, curves):
+def times(runs, folder, protocol):
     """A row for each method with and without aids: mean PSNR at equal CPU time over scenes and seeds."""
     rows = []
     for aids, of_aids in runs.items():
-        columns = []
+        columns, curves = [], points_of(folder, protocol, aids)
         for seconds in TIMES:
             found = [{(run.scene, run.seed): at(curves[run.method, run.result["scene"], str(run.seed)], seconds)
                       for run in of_aids[method]} for method in METHODS]
@@ -185,7 +185,7 @@ def tables(folder, protocol, runs):
             scores(equal), *without_score(runs),
             "Paired differences with 95 % intervals over clips:", comparisons(folder / "results" / protocol, runs, excluded),
             "At equal CPU time, by the last point of each curve at or before it:",
-            times(equal, points_of(folder, protocol)),
+            times(equal, folder, protocol),
             "By scene, PSNR:", scenes(runs[aided], aided)]
 
 
