@@ -24,19 +24,11 @@ import struct
 import zlib
 from pathlib import Path
 
+from scene_files import rotation, write_black
+
 # Classes of tracks, and the names of their nodes' classes there.
 CLASSES = {"vehicle": "Vehicle", "person": "Cyclist"}
 MOST_POINTS = 60_000
-
-
-def rotation(quaternion):
-    """Returns the rows of the matrix of a quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
 
 
 def with_place(columns, place):
@@ -46,15 +38,6 @@ def with_place(columns, place):
 
 def text_of(rows):
     return "\n".join(" ".join(repr(float(value)) for value in row) for row in rows) + "\n"
-
-
-def write_black(path, width, height):
-    def chunk(name, body):
-        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
-
-    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    rows = zlib.compress(bytes((width + 1) * height))
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
 
 
 def unfiltered(kind, line, above):

@@ -12,25 +12,14 @@ but Python.
 import argparse
 import json
 import math
-import struct
-import zlib
 from pathlib import Path
 
 import ply
+from scene_files import rotation, write_black
 
 # Shares of the points in view that are nearer than near and far.
 NEAR, FAR = 0.01, 0.99
 COPIES = 2
-
-
-def rotation(quaternion):
-    """Returns the rows of the matrix of a quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
 
 
 def bounds(points, rows, centre, camera):
@@ -46,15 +35,6 @@ def bounds(points, rows, centre, camera):
             depths.append(z)
     depths.sort()
     return [depths[round(share * (len(depths) - 1))] for share in (NEAR, FAR)] if depths else None
-
-
-def write_black(path, width, height):
-    def chunk(name, body):
-        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
-
-    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    rows = zlib.compress(bytes((width + 1) * height))
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
 
 
 def cameras(data, camera, frames):

@@ -11,30 +11,11 @@ Its code holds every n-th frame out, counted from the n-th, and no other split c
 
 import argparse
 import struct
-import zlib
 from pathlib import Path
 
+from scene_files import rotation, write_black
+
 EVERY = 5
-
-
-def rotation(w, x, y, z):
-    """Returns the matrix of a unit quaternion, by rows."""
-    return [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-
-
-def black(path, width, height):
-    """Writes a black 8-bit grey PNG."""
-
-    def chunk(name, body):
-        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
-
-    head = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
-    rows = zlib.compress((b"\x00" + bytes(width)) * height)
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
 
 
 def numbers(values):
@@ -65,14 +46,14 @@ def prepare(arguments):
     lines += [f"Tr_velo_to_cam_{camera}: {numbers(identity)}" for camera in range(5)]
     for index, image in enumerate(images):
         name = f"{index:06}"
-        turn = rotation(*map(float, image[1:5]))
+        turn = rotation(map(float, image[1:5]))
         shift = [float(value) for value in image[5:8]]
         centre = [-sum(turn[k][axis] * shift[k] for k in range(3)) for axis in range(3)]
         rows = [numbers([turn[0][axis], turn[1][axis], turn[2][axis], centre[axis]]) for axis in range(3)]
         (out / f"calib/{name}.txt").write_text("\n".join(lines) + "\n")
         (out / f"pose/{name}.txt").write_text("\n".join([*rows, "0 0 0 1"]) + "\n")
         (out / f"image_0/{name}.png").symlink_to((data / "images" / image[9]).resolve())
-        black(out / f"sky_0/{name}.png", int(width), int(height))
+        write_black(out / f"sky_0/{name}.png", int(width), int(height))
         own = [
             [sum(turn[row][k] * point[k] for k in range(3)) + shift[row] for row in range(3)]
             for point in points[index :: len(images)]

@@ -19,6 +19,10 @@ const PANSPLAT: (&str, &str) = ("pansplat.py", include_str!("../../adapters/pans
 const PATCHED: (&str, &str) = ("patched.py", include_str!("../../adapters/patched.py"));
 const PLY: (&str, &str) = ("ply.py", include_str!("../../adapters/ply.py"));
 const PVG: (&str, &str) = ("pvg.py", include_str!("../../adapters/pvg.py"));
+const SCENE_FILES: (&str, &str) = (
+    "scene_files.py",
+    include_str!("../../adapters/scene_files.py"),
+);
 const SPLIT_COLMAP: (&str, &str) = (
     "split_colmap.py",
     include_str!("../../adapters/split_colmap.py"),
@@ -58,7 +62,7 @@ pub const ADAPTERS: &[Adapter] = &[
         scenes: AdapterScenes::Perspective,
         about: "Periodic Vibration Gaussian by its authors' code, on perspective scenes",
         manifest: include_str!("../../adapters/pvg.toml"),
-        files: &[PVG],
+        files: &[PVG, SCENE_FILES],
         loader: "fudan-zvg/PVG at 93ea768, `scene/waymo_loader.py`, `utils/camera_utils.py`, `evaluate.py`",
         reads: "Waymo's layout with one camera: `calib/`, `pose/`, `image_0/`, `sky_0/`, `velodyne/`",
         lost: "panoramas are refused; masks, times",
@@ -188,7 +192,7 @@ pub const ADAPTERS: &[Adapter] = &[
         scenes: AdapterScenes::Traffic,
         about: "OmniRe by its authors' code (drivestudio)",
         manifest: include_str!("../../adapters/omnire.toml"),
-        files: &[DRIVESTUDIO, PATCHED, FOUND],
+        files: &[DRIVESTUDIO, SCENE_FILES, PATCHED, FOUND],
         loader: "ziyc/drivestudio at ce506b7, `datasets/waymo/waymo_sourceloader.py`, `datasets/base/pixel_source.py`, `tools/`",
         reads: "Waymo as drivestudio prepares it: `images/`, `ego_pose/`, `lidar/`, `instances/`",
         lost: "human bodies (people are deformable nodes), the sky",
@@ -201,7 +205,7 @@ pub const ADAPTERS: &[Adapter] = &[
         scenes: AdapterScenes::Traffic,
         about: "Street Gaussians as drivestudio has it",
         manifest: include_str!("../../adapters/street-gaussians.toml"),
-        files: &[DRIVESTUDIO, PATCHED, FOUND],
+        files: &[DRIVESTUDIO, SCENE_FILES, PATCHED, FOUND],
         loader: "ziyc/drivestudio at ce506b7, `datasets/waymo/waymo_sourceloader.py`, `datasets/base/pixel_source.py`, `tools/`",
         reads: "Waymo as drivestudio prepares it: `images/`, `ego_pose/`, `lidar/`, `instances/`",
         lost: "people, the sky",
@@ -214,7 +218,7 @@ pub const ADAPTERS: &[Adapter] = &[
         scenes: AdapterScenes::Traffic,
         about: "EmerNeRF by its authors' code",
         manifest: include_str!("../../adapters/emernerf.toml"),
-        files: &[DRIVESTUDIO, PATCHED],
+        files: &[DRIVESTUDIO, SCENE_FILES, PATCHED],
         loader: "NVlabs/EmerNeRF at 17386ee, `datasets/waymo.py`, `train_emernerf.py`",
         reads: "Waymo as its README prepares it: `images/`, `ego_pose/`, `lidar/`",
         lost: "boxes, the sky",
@@ -240,7 +244,7 @@ pub const ADAPTERS: &[Adapter] = &[
         scenes: AdapterScenes::Perspective,
         about: "OmnimatteRF by its authors' code, on perspective scenes",
         manifest: include_str!("../../adapters/omnimatte-rf.toml"),
-        files: &[OMNIMATTE_RF, PLY],
+        files: &[OMNIMATTE_RF, PLY, SCENE_FILES],
         loader: "facebookresearch/OmnimatteRF at f3bbc62, `core/model/matting_dataset.py`, `core/data/`, `workflows/`",
         reads: "`rgb_1x/`, `masks/mask/00/`, `flow/` of RAFT, Blender's `poses.json` with near and far",
         lost: "panoramas are refused; times, points, objects beyond one layer",
