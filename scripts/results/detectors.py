@@ -4,8 +4,8 @@
     scripts/results/detectors.py CLIPS OUT --omnilife target/release/omnilife [--page docs/results/curation.md]
 
 CLIPS is a folder with the videos that tests/data/footage-labels/README.md names; one that is missing is named and left
-out. Each is curated at its own frame rate, 1024 pixels wide or as wide as it is. Where OUT has a stage's results, they
-are kept. Without --page the tables are printed. Needs NumPy and Pillow.
+out. Each is curated at its own frame rate, 1024 pixels wide or as wide as it is. The commands skip what OUT has of the
+same frames and settings. Without --page the tables are printed. Needs NumPy and Pillow.
 """
 
 import argparse
@@ -29,7 +29,7 @@ PERSPECTIVE = ["--projection", "pinhole", "--min-shot", "0"]
 
 
 class Clip:
-    """A labelled clip and the folder in which detectors left their results."""
+    """A labelled clip, and the folder for the results of detectors."""
 
     def __init__(self, labels, video, out):
         self.labels, self.video = labels, video
@@ -43,7 +43,7 @@ class Clip:
         return sorted(path.parent for path in self.results.glob("seq-*/sequence.json"))
 
     def detect(self, omnilife):
-        """Runs every detector whose results are not there yet."""
+        """Runs every detector."""
         def run(*words):
             subprocess.run([omnilife, "--quiet", "curate", *map(str, words)], check=True, stdout=subprocess.DEVNULL)
 
@@ -51,12 +51,10 @@ class Clip:
         run("build", self.video, "--criteria", "none", "--fps", self.labels["frames_per_second"], *width,
             *([] if self.is_sphere else PERSPECTIVE), "--out", self.dataset)
         for sequence in self.sequences:
-            if self.is_sphere and not (sequence / "operator/operator.json").exists():
+            if self.is_sphere:
                 run("operator", sequence)
-            if not (sequence / "dynamic-masks").exists():
-                run("masks", sequence, "--method", "residual")
-        if not all((sequence / "annotation.json").exists() for sequence in self.sequences):
-            run("annotate", self.dataset)
+            run("masks", sequence, "--method", "residual")
+        run("annotate", self.dataset)
 
     def score(self, task):
         """Scores one task and prints its lines."""

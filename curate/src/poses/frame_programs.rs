@@ -241,8 +241,6 @@ struct Room {
     folder: PathBuf,
     frames: PathBuf,
     times: PathBuf,
-    /// SHA-256 of the names, times and bytes of the frames.
-    hash: String,
 }
 
 impl Room {
@@ -253,23 +251,19 @@ impl Room {
         folder: &Path,
     ) -> Result<Self, CurateError> {
         let folder = absolute(folder)?;
-        let mut room = Self {
+        let room = Self {
             frames: folder.join("frames-by-number"),
             times: folder.join("times.csv"),
-            hash: String::new(),
             folder,
         };
         store::create_folder(&room.frames)?;
         let mut times = "image,time_seconds\n".to_owned();
-        let mut hashes = String::new();
         for (image, entry) in images.zip(&numbered.entries) {
             let copy = room.frames.join(&entry.file);
             store::copy(&images_folder.join(image), &copy)?;
-            hashes += &store::sha256_file(&copy)?;
             times += &format!("{},{}\n", entry.file, entry.time_seconds);
         }
         store::write_bytes(&room.times, times.as_bytes())?;
-        room.hash = store::sha256_bytes((times + &hashes).as_bytes());
         Ok(room)
     }
 
@@ -283,7 +277,7 @@ impl Room {
         progress: &dyn Progress,
     ) -> Result<PathBuf, CurateError> {
         let record_folder = absolute(record_folder)?;
-        let request = format!("{}\n{}\n", program.text(), self.hash);
+        let request = self.request(frames, program)?;
         let unfinished = UnfinishedMasks::open(&record_folder, &request, frames, progress)?;
         let out = unfinished.out();
         let ran = self.run(
@@ -300,6 +294,20 @@ impl Room {
         let made = self.folder.join("program-masks");
         unfinished.finish(&made)?;
         Ok(made)
+    }
+
+    /// Returns the command and the hashes of the times and frames that it sees, a line each.
+    fn request(&self, frames: &FrameList, program: &MaskProgram) -> Result<String, StoreError> {
+        let images = frames
+            .entries
+            .iter()
+            .map(|entry| self.frames.join(&entry.file));
+        let mut request = format!("{}\n", program.text());
+        for file in [self.times.clone()].into_iter().chain(images) {
+            request += &store::sha256_file(&file)?;
+            request.push('\n');
+        }
+        Ok(request)
     }
 
     /// Runs a command with a folder for its output.

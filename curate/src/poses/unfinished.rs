@@ -18,7 +18,7 @@ use super::{frame_list::FrameList, masks};
 use crate::error::CurateError;
 
 const FOLDER: &str = ".unfinished-masks";
-/// File with the command and the hash of its frames.
+/// File with the command and the hashes of what it sees.
 const REQUEST_FILE: &str = "request.txt";
 
 /// Folder of masks that are not complete yet; no other process writes into its parent meanwhile.
