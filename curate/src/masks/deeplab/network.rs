@@ -56,15 +56,11 @@ fn pointwise(
     [from, to]: [usize; 2],
     activation: Activation,
 ) -> Result<Pointwise, WeightsError> {
-    Ok(Pointwise {
-        weights: Matrix {
-            rows: from,
-            columns: to,
-            data: weights.tensor(kernel, &[1, 1, from, to])?,
-        },
-        offsets: weights.tensor(offset, &[to])?,
+    Ok(Pointwise::new(
+        &weights.tensor(kernel, &[1, 1, from, to])?,
+        weights.tensor(offset, &[to])?,
         activation,
-    })
+    ))
 }
 
 /// Returns a convolution with folded normalization, by the name of its scope.
@@ -134,6 +130,9 @@ pub struct Network {
     blocks: Vec<Block>,
     pooling: Pointwise,
     pyramid: Pointwise,
+    /// Part of the mean of the image in what is joined.
+    joining_pooled: Pointwise,
+    /// Part of a pixel.
     joining: Pointwise,
     scores: Pointwise,
 }
@@ -148,26 +147,33 @@ impl Network {
         let blocks = BLOCKS.iter().enumerate();
         let head =
             |scope: &str, from: usize| folded(weights, scope, [from, HEAD], Activation::Relu);
+        // The mean of the image comes first in what is joined, the pixel second.
+        let joining = "concat_projection";
+        let joined = weights.tensor(
+            &format!("{joining}/Conv2D/merged_input"),
+            &[1, 1, 2 * HEAD, HEAD],
+        )?;
+        let joining_offsets = weights.tensor(
+            &format!("{joining}/BatchNorm/FusedBatchNorm/Offset"),
+            &[HEAD],
+        )?;
+        let (of_pooled, of_pixels) = joined.split_at(HEAD * HEAD);
         Ok(Self {
-            first: Pointwise {
-                weights: Matrix {
-                    rows: 27,
-                    columns: FIRST,
-                    data: weights
-                        .tensor(&format!("{first}/Conv2D/merged_input"), &[3, 3, 3, FIRST])?,
-                },
-                offsets: weights.tensor(
+            first: Pointwise::new(
+                &weights.tensor(&format!("{first}/Conv2D/merged_input"), &[3, 3, 3, FIRST])?,
+                weights.tensor(
                     &format!("{first}/BatchNorm/FusedBatchNorm/Offset"),
                     &[FIRST],
                 )?,
-                activation: Activation::Relu6,
-            },
+                Activation::Relu6,
+            ),
             blocks: blocks
                 .map(|(index, shape)| block(weights, index, shape))
                 .collect::<Result<_, _>>()?,
             pooling: head("image_pooling", 320)?,
             pyramid: head("aspp0", 320)?,
-            joining: head("concat_projection", 2 * HEAD)?,
+            joining_pooled: Pointwise::new(of_pooled, joining_offsets, Activation::None),
+            joining: Pointwise::new(of_pixels, vec![0.0; HEAD], Activation::Relu),
             scores: pointwise(
                 weights,
                 ["logits/semantic/weights", "logits/semantic/biases"],
@@ -197,11 +203,8 @@ impl Network {
         debug_assert_eq!(side, SCORE_SIDE);
         let pooled = self.pooling.apply(&mean(&state));
         let pyramid = self.pyramid.apply(&state);
-        let mut joined = Matrix::zeros(pyramid.rows, 2 * HEAD);
-        for (row, pixel) in joined.data.chunks_exact_mut(2 * HEAD).enumerate() {
-            pixel[..HEAD].copy_from_slice(&pooled.data);
-            pixel[HEAD..].copy_from_slice(pyramid.row(row));
-        }
-        self.scores.apply(&self.joining.apply(&joined))
+        let offsets = self.joining_pooled.apply(&pooled);
+        let joined = self.joining.apply_with_offsets(&pyramid, &offsets.data);
+        self.scores.apply(&joined)
     }
 }

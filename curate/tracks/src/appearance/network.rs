@@ -4,7 +4,7 @@
 //! Source: Sandler et al., "MobileNetV2" (2018), Table 2; the package's `embedder/mobilenetv2_bottle.py`.
 
 use omnilife_networks::{
-    Matrix, Weights, WeightsError,
+    Weights, WeightsError,
     mobilenet_v2::{Activation, Block, BlockShape, Depthwise, Pointwise, mean, windows},
 };
 
@@ -83,18 +83,14 @@ fn dense(
     let values = weights.tensor(&format!("{convolution}.weight"), &[to, from, side, side])?;
     let Normalization { scales, offsets } = Normalization::load(weights, normalization, to)?;
     let taps = side * side;
-    let mut matrix = Matrix::zeros(taps * from, to);
+    let mut matrix = vec![0.0; taps * from * to];
     for (output, values) in values.chunks_exact(from * taps).enumerate() {
         for (at, value) in values.iter().enumerate() {
             let (input, tap) = (at / taps, at % taps);
-            matrix.data[(tap * from + input) * to + output] = value * scales[output];
+            matrix[(tap * from + input) * to + output] = value * scales[output];
         }
     }
-    Ok(Pointwise {
-        weights: matrix,
-        offsets,
-        activation,
-    })
+    Ok(Pointwise::new(&matrix, offsets, activation))
 }
 
 fn depthwise(
