@@ -86,11 +86,12 @@ fn find_in<I: ComparableFrame>(
 ) -> Result<Vec<FrameMasks>, CurateError> {
     let frames = &sequence.frames;
     let size = [frames.width as usize, frames.height as usize];
+    let views = Views::of(sequence);
     progress.begin("segmenting what moves", Some(frames.entries.len() as u64));
     let masks = frames.entries.iter().enumerate().map(|(index, entry)| {
         let changed = changes.of_frame(index)?;
-        let frame = RgbImage::read(&folder.join(&entry.file))?;
-        let masks = confirmed(network, &frame, &changed, sequence.is_pinhole());
+        let frame = views.read(&folder.join(&entry.file))?;
+        let masks = confirmed((network, &views), &frame, &changed, sequence.is_pinhole());
         progress.advance(1);
         Ok(resized(masks, size))
     });
@@ -101,7 +102,7 @@ fn find_in<I: ComparableFrame>(
 
 /// Returns the regions of the network in a frame that changes confirm, at the size of the changes.
 fn confirmed(
-    network: &Network,
+    (network, views): (&Network, &Views),
     frame: &RgbImage,
     changed: &Mask,
     is_perspective: bool,
@@ -113,8 +114,8 @@ fn confirmed(
     } else {
         LEAST_STERADIANS
     };
-    let views = Views::showing(is_perspective, changed, least, &area);
-    let likelihoods = views.likelihoods(network, frame, size);
+    let chosen = views.showing(changed, least, &area);
+    let likelihoods = views.likelihoods(&chosen, network, frame, size);
     vote_on(&likelihoods, changed, is_perspective, &area)
 }
 

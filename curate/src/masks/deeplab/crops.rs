@@ -3,7 +3,7 @@
 //! Views overlap, so that nothing is cut by the seam, a pole or the edge of a view. Near its edge a view has little
 //! weight, where another has it in its middle.
 
-use glam::{DMat3, DQuat, DVec3, dvec2, dvec3};
+use glam::{DMat3, DQuat, DVec2, DVec3, dvec2, dvec3};
 use omnilife_schemas::{
     RgbImage,
     camera::{CameraModel, ErpCamera},
@@ -49,37 +49,74 @@ impl View {
         (0..count).map(part).collect()
     }
 
-    /// Returns the image of the view, `side` pixels square, interleaved RGB.
-    pub(super) fn image(&self, frame: &RgbImage, side: usize) -> Vec<u8> {
+    /// Returns the places in a frame of a size (width, height) that the pixels of the view's image show, `side` pixels
+    /// square. The corners of the image are centres of pixels, as in the network's grid.
+    pub(super) fn places(&self, [width, height]: [usize; 2], side: usize) -> Vec<DVec2> {
+        let share = |at: usize| at as f64 / (side - 1) as f64;
+        let pixels = (0..side * side).map(|at| [share(at % side), share(at / side)]);
         match self {
-            Self::Sphere(rotation) => crop(frame, rotation, side),
-            Self::Part([left, top, width, height]) => {
-                let share = |at: usize| at as f64 / (side - 1) as f64;
-                let colour = |at: usize| {
-                    let x = (left + share(at % side) * width) * frame.width as f64;
-                    let y = (top + share(at / side) * height) * frame.height as f64;
-                    let colour = frame.sample(dvec2(x, y), Edges::Repeated);
-                    colour.map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8)
-                };
-                (0..side * side).flat_map(colour).collect()
+            Self::Sphere(rotation) => {
+                let camera = ErpCamera::new(width as u32, height as u32);
+                let to_panorama = rotation.transpose();
+                let slope = |share: f64| (2.0 * share - 1.0) * REACH;
+                let direction = |[x, y]: [f64; 2]| to_panorama * dvec3(slope(x), slope(y), 1.0);
+                pixels
+                    .map(|pixel| camera.project(direction(pixel)).unwrap_or_default())
+                    .collect()
             }
+            Self::Part([left, top, wide, high]) => pixels
+                .map(|[x, y]| {
+                    dvec2(
+                        (left + x * wide) * width as f64,
+                        (top + y * high) * height as f64,
+                    )
+                })
+                .collect(),
         }
     }
 
-    /// Returns the place in the view's image, in [0, 1] from the left and the top, of the middle of a pixel (column,
-    /// row) of the frame at a size (width, height); `None` outside.
-    pub(super) fn place_of(&self, pixel: [usize; 2], size: [usize; 2]) -> Option<[f64; 2]> {
-        let middle = dvec2(pixel[0] as f64 + 0.5, pixel[1] as f64 + 0.5);
+    /// Returns the interleaved RGB of a frame at some places.
+    pub(super) fn image(&self, frame: &RgbImage, places: &[DVec2]) -> Vec<u8> {
+        let edges = match self {
+            Self::Sphere(_) => Edges::Around,
+            Self::Part(_) => Edges::Repeated,
+        };
+        let colour = |&place: &DVec2| {
+            let colour = frame.sample(place, edges);
+            colour.map(|value| (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)
+        };
+        places.iter().flat_map(colour).collect()
+    }
+
+    /// Returns the place in the view's image, in [0, 1] from the left and the top, of a pixel; `None` outside.
+    pub(super) fn place_of(&self, pixel: &Pixel) -> Option<[f64; 2]> {
         match self {
-            Self::Sphere(rotation) => {
-                let camera = ErpCamera::new(size[0] as u32, size[1] as u32);
-                place(*rotation * camera.unproject(middle))
-            }
+            Self::Sphere(rotation) => place(*rotation * pixel.direction),
             Self::Part([left, top, width, height]) => {
-                let [x, y] = [middle.x / size[0] as f64, middle.y / size[1] as f64];
+                let [x, y] = pixel.share;
                 let at = [(x - left) / width, (y - top) / height];
                 at.iter().all(|at| (0.0..=1.0).contains(at)).then_some(at)
             }
+        }
+    }
+}
+
+/// Middle of a pixel.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pixel {
+    /// In the camera's frame, if the frame is a panorama.
+    direction: DVec3,
+    /// Shares of the frame's width and height.
+    share: [f64; 2],
+}
+
+impl Pixel {
+    /// Returns the middle of a pixel (column, row) of a frame at a size (width, height).
+    pub(super) fn new([column, row]: [usize; 2], [width, height]: [usize; 2]) -> Self {
+        let middle = dvec2(column as f64 + 0.5, row as f64 + 0.5);
+        Self {
+            direction: ErpCamera::new(width as u32, height as u32).unproject(middle),
+            share: [middle.x / width as f64, middle.y / height as f64],
         }
     }
 }
@@ -109,26 +146,6 @@ pub(super) fn weight([x, y]: [f64; 2]) -> f64 {
     from_edge[0] * from_edge[1]
 }
 
-/// Returns the image of a view, `side` pixels square, interleaved RGB. The corners of the image are centres of pixels,
-/// as in the network's grid.
-fn crop(panorama: &RgbImage, view: &DMat3, side: usize) -> Vec<u8> {
-    let camera = ErpCamera::new(panorama.width as u32, panorama.height as u32);
-    let to_panorama = view.transpose();
-    let slope = |at: usize| (2.0 * at as f64 / (side - 1) as f64 - 1.0) * REACH;
-    let mut out = Vec::with_capacity(side * side * 3);
-    for row in 0..side {
-        for column in 0..side {
-            let direction = to_panorama * dvec3(slope(column), slope(row), 1.0);
-            let colour = match camera.project(direction) {
-                Some(place) => panorama.sample(place, Edges::Around),
-                None => [0.0; 3],
-            };
-            out.extend(colour.map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8));
-        }
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -148,7 +165,9 @@ mod tests {
                 [size[0] - 1, size[1] - 1],
                 [size[0] / 2, size[1] / 2],
             ] {
-                let places = views.iter().filter_map(|view| view.place_of(pixel, size));
+                let places = views
+                    .iter()
+                    .filter_map(|view| view.place_of(&Pixel::new(pixel, size)));
                 assert!(places.count() > 0, "{pixel:?} of {size:?}");
             }
         }
@@ -181,11 +200,13 @@ mod tests {
             pixel.copy_from_slice(&direction.as_vec3().to_array());
         }
         for view in views() {
-            let crop = crop(&panorama, &view, 33);
+            let rotation = view;
+            let view = View::Sphere(rotation);
+            let crop = view.image(&panorama, &view.places([256, 128], 33));
             for (at, pixel) in crop.chunks_exact(3).enumerate() {
                 let slope = |at: usize| (at as f64 / 16.0 - 1.0) * REACH;
                 let inside = dvec3(slope(at % 33), slope(at / 33), 1.0);
-                let expected = (view.transpose() * inside.normalize()) * 0.5 + 0.5;
+                let expected = (rotation.transpose() * inside.normalize()) * 0.5 + 0.5;
                 for (value, expected) in pixel.iter().zip(expected.to_array()) {
                     let error = f64::from(*value) / 255.0 - expected;
                     assert!(error.abs() < 0.02, "{pixel:?} for {expected}");

@@ -8,12 +8,16 @@ pub mod network;
 
 use std::{collections::BTreeMap, path::Path};
 
+use glam::DVec2;
 use omnilife_networks::{Matrix, Weights, WeightsError};
-use omnilife_schemas::{RgbImage, progress::Progress, records::Sequence, rgb::Mask};
+use omnilife_schemas::{
+    RgbImage, image_file::ImageFile, progress::Progress, records::Sequence, rgb::Mask,
+    store::StoreError,
+};
 use rayon::prelude::*;
 
 use self::{
-    crops::View,
+    crops::{Pixel, View},
     network::{CLASSES, Network, SCORE_SIDE, SIDE},
 };
 use super::{FrameMasks, MaskMethod};
@@ -58,14 +62,14 @@ fn find(
     progress: &dyn Progress,
 ) -> Result<Vec<FrameMasks>, CurateError> {
     let network = Network::load(&published_weights()?)?;
-    let entries = &sequence.frames.entries;
+    let (entries, views) = (&sequence.frames.entries, Views::of(sequence));
     progress.begin("segmenting", Some(entries.len() as u64));
     let masks = entries
         .iter()
         .map(|entry| {
-            let frame = RgbImage::read(&folder.join(&entry.file))?;
-            let views = Views::all(sequence.is_pinhole(), [frame.width, frame.height]);
-            let likelihoods = views.likelihoods(&network, &frame, [frame.width, frame.height]);
+            let frame = views.read(&folder.join(&entry.file))?;
+            let size = views.size;
+            let likelihoods = views.likelihoods(&views.all(), &network, &frame, size);
             progress.advance(1);
             Ok(likelihoods.masks(PROBABILITY))
         })
@@ -85,65 +89,107 @@ pub fn published_weights() -> Result<Weights, WeightsError> {
 /// Marks movable content in a panorama.
 pub fn movable(network: &Network, panorama: &RgbImage) -> Mask {
     let size = [panorama.width, panorama.height];
-    let likelihoods = Views::all(false, size).likelihoods(network, panorama, size);
+    let views = Views::new(false, size);
+    let likelihoods = views.likelihoods(&views.all(), network, panorama, size);
     likelihoods.masks(PROBABILITY).moving
 }
 
-/// Views of a frame that the network looks at.
-#[derive(Debug, Clone)]
-pub(super) struct Views(Vec<View>);
+/// Views of the frames of a sequence that the network looks at.
+#[derive(Debug)]
+pub(super) struct Views {
+    /// Width and height of the frames.
+    size: [usize; 2],
+    views: Vec<View>,
+    /// Places in the frames of the pixels of each view.
+    places: Vec<Vec<DVec2>>,
+}
 
 impl Views {
-    /// Returns those that cover a panorama, or a perspective frame of a size (width, height).
-    pub(super) fn all(is_perspective: bool, size: [usize; 2]) -> Self {
-        Self(View::all(is_perspective, size))
+    /// Returns those that cover panoramas, or perspective frames, of a size (width, height).
+    pub(super) fn new(is_perspective: bool, size: [usize; 2]) -> Self {
+        let views = View::all(is_perspective, size);
+        Self {
+            size,
+            places: (views.par_iter())
+                .map(|view| view.places(size, SIDE))
+                .collect(),
+            views,
+        }
     }
 
-    /// Returns those that show at least so many steradians, or so large a share of a perspective frame, of what a mask
-    /// marks.
+    /// Returns those of a sequence.
+    pub(super) fn of(sequence: &Sequence) -> Self {
+        let frames = &sequence.frames;
+        let size = [frames.width as usize, frames.height as usize];
+        Self::new(sequence.is_pinhole(), size)
+    }
+
+    /// Returns the numbers of those that show at least so many steradians, or so large a share of a perspective frame, of
+    /// what a mask marks.
     pub(super) fn showing(
-        is_perspective: bool,
+        &self,
         mask: &Mask,
         least: f64,
         area: impl Fn(usize) -> f64,
-    ) -> Self {
-        let size = [mask.width, mask.height];
-        let mut views = View::all(is_perspective, size);
-        views.retain(|view| {
-            let marked = (0..mask.data.len()).filter(|&pixel| mask.data[pixel] != 0);
-            let shown = marked.filter(|&pixel| {
-                let place = [pixel % mask.width, pixel / mask.width];
-                view.place_of(place, size).is_some()
-            });
-            shown.map(|pixel| area(pixel / mask.width)).sum::<f64>() >= least
-        });
-        Self(views)
+    ) -> Vec<usize> {
+        let mut shown = vec![0.0; self.views.len()];
+        for at in (0..mask.data.len()).filter(|&at| mask.data[at] != 0) {
+            let (column, row) = (at % mask.width, at / mask.width);
+            let pixel = Pixel::new([column, row], [mask.width, mask.height]);
+            for (view, shown) in self.views.iter().zip(&mut shown) {
+                if view.place_of(&pixel).is_some() {
+                    *shown += area(row);
+                }
+            }
+        }
+        (0..shown.len()).filter(|&at| shown[at] >= least).collect()
     }
 
-    /// Returns the likelihoods of all kinds for the pixels of a frame at a size (width, height). Views overlap, and count
-    /// by how far from their edge a pixel is.
+    /// Reads a frame of the sequence.
+    ///
+    /// # Errors
+    /// When it is damaged, or has another size than the sequence states.
+    pub(super) fn read(&self, file: &Path) -> Result<RgbImage, StoreError> {
+        RgbImage::decode(ImageFile::open(file)?.expect_size(self.size)?)
+    }
+
+    /// Returns the numbers of all.
+    pub(super) fn all(&self) -> Vec<usize> {
+        (0..self.views.len()).collect()
+    }
+
+    /// Returns the likelihoods of all kinds for the pixels of a frame at a size (width, height), as some of the views show
+    /// it. Views overlap, and count by how far from their edge a pixel is.
+    ///
+    /// # Panics
+    /// When the frame has another size than the others of its sequence.
     pub(super) fn likelihoods(
         &self,
+        chosen: &[usize],
         network: &Network,
         frame: &RgbImage,
         [width, height]: [usize; 2],
     ) -> Likelihoods {
+        assert_eq!([frame.width, frame.height], self.size, "size of a frame");
         // Squares are places in the frame as it is.
         let scale = [
             frame.width as f64 / width as f64,
             frame.height as f64 / height as f64,
         ];
         let in_frame = |at: usize, axis: usize| ((at as f64 + 0.5) * scale[axis]) as usize;
-        let found: Vec<Vec<[f32; KINDS]>> = self
-            .0
-            .par_iter()
-            .map(|view| of_kinds(&network.scores(&view.image(frame, SIDE))))
+        let found: Vec<(View, Vec<[f32; KINDS]>)> = (chosen.par_iter())
+            .map(|&number| {
+                let view = self.views[number];
+                let image = view.image(frame, &self.places[number]);
+                (view, of_kinds(&network.scores(&image)))
+            })
             .collect();
-        let of_pixel = |pixel: usize| {
-            let place = [in_frame(pixel % width, 0), in_frame(pixel / width, 1)];
+        let of_pixel = |at: usize| {
+            let place = [in_frame(at % width, 0), in_frame(at / width, 1)];
+            let pixel = Pixel::new(place, self.size);
             let (mut sums, mut total) = ([0.0; KINDS], 0.0);
-            for (view, found) in self.0.iter().zip(&found) {
-                if let Some(place) = view.place_of(place, [frame.width, frame.height]) {
+            for (view, found) in &found {
+                if let Some(place) = view.place_of(&pixel) {
                     let weight = crops::weight(place) as f32 + 1e-6;
                     let values = interpolated(found, place);
                     (sums.iter_mut().zip(values)).for_each(|(sum, value)| *sum += weight * value);
@@ -266,12 +312,23 @@ mod tests {
     fn views_are_looked_at_where_something_is_marked() {
         let (width, height) = (64, 32);
         let mut mask = Mask::new(width, height, vec![0; width * height]);
-        let count = |mask: &Mask| Views::showing(false, mask, 0.5, |_| 1.0).0.len();
+        let views = Views::new(false, [width, height]);
+        let count = |mask: &Mask| views.showing(mask, 0.5, |_| 1.0).len();
         assert_eq!(count(&mask), 0);
         mask.data[height / 2 * width + width / 2] = 255;
         let shown = count(&mask);
         assert!((1..8).contains(&shown), "{shown}");
         mask.data.fill(255);
         assert_eq!(count(&mask), 8);
+    }
+
+    #[test]
+    fn a_frame_of_another_size_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("frame.png");
+        RgbImage::black(32, 16).write_png(&file).unwrap();
+        assert!(Views::new(false, [32, 16]).read(&file).is_ok());
+        let refusal = Views::new(false, [64, 32]).read(&file).unwrap_err();
+        assert!(refusal.to_string().contains("64x32"), "{refusal}");
     }
 }

@@ -53,13 +53,13 @@ pub(super) fn staying(
     progress: &dyn Progress,
 ) -> Result<Mask, CurateError> {
     let network = Network::load(&deeplab::published_weights()?)?;
-    let entries = &sequence.frames.entries;
+    let (entries, views) = (&sequence.frames.entries, Views::of(sequence));
     let step = entries.len().div_ceil(MOST_FRAMES).max(1);
     progress.begin("people who stay", None);
     let seen = entries.iter().skip(step / 2).step_by(step).map(|entry| {
-        let panorama = RgbImage::read(&folder.join(&entry.file))?;
-        let views = Views::all(false, [panorama.width, panorama.height]);
-        let likelihoods = views.likelihoods(&network, &panorama, [WIDTH, WIDTH / 2]);
+        let panorama = views.read(&folder.join(&entry.file))?;
+        let size = [WIDTH, WIDTH / 2];
+        let likelihoods = views.likelihoods(&views.all(), &network, &panorama, size);
         let kinds = likelihoods.of_kinds.iter();
         let people = kinds.map(|kinds| kinds[deeplab::PERSON] >= deeplab::PROBABILITY);
         Ok(Seen {
