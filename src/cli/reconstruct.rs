@@ -1,5 +1,6 @@
 //! `omnilife reconstruct`.
 
+use crate::exit::BadRequest;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
@@ -192,9 +193,9 @@ pub(crate) struct RenderArguments {
     /// their directions [default: that of the poses, or the sphere].
     #[arg(long, visible_alias = "projection", value_enum)]
     pub(crate) camera: Option<CameraArgument>,
-    /// Horizontal field of view of a pinhole camera.
-    #[arg(long, value_name = "DEGREES", default_value_t = 90.0, value_parser = numbers::positive)]
-    pub(crate) fov_degrees: f64,
+    /// Renders with a pinhole camera of this horizontal field of view [default with --camera pinhole: 90].
+    #[arg(long, value_name = "DEGREES", value_parser = numbers::positive)]
+    pub(crate) fov_degrees: Option<f64>,
     /// Renders panoramas from perspective faces of a cube, this many pixels wide, as the perspective trainers
     /// of other projects do.
     #[arg(long, value_name = "PIXELS", value_parser = numbers::count::<u32>)]
@@ -219,11 +220,14 @@ pub(crate) enum CameraArgument {
     Cube,
 }
 
+/// Horizontal field of view of a pinhole camera where none is given.
+const FIELD_OF_VIEW_DEGREES: f64 = 90.0;
+
 impl RenderArguments {
     /// Returns the request for the renderer.
     ///
     /// # Errors
-    /// When cameras by words exclude each other.
+    /// When cameras by words exclude each other, or a field of view is given for another camera than a pinhole.
     pub(crate) fn request(&self) -> anyhow::Result<RenderRequest> {
         Ok(RenderRequest {
             model: self.model.clone(),
@@ -231,11 +235,17 @@ impl RenderArguments {
             poses: self.poses.clone(),
             cameras: self.cameras.words()?,
             size: self.size,
-            camera: match self.camera {
-                None => RenderCamera::OfPoses,
-                Some(CameraArgument::Erp) => RenderCamera::Erp,
-                Some(CameraArgument::Pinhole) => RenderCamera::Pinhole(self.fov_degrees),
-                Some(CameraArgument::Cube) => RenderCamera::Cube,
+            camera: match (self.camera, self.fov_degrees) {
+                (None, None) => RenderCamera::OfPoses,
+                (Some(CameraArgument::Erp), None) => RenderCamera::Erp,
+                (Some(CameraArgument::Cube), None) => RenderCamera::Cube,
+                (None | Some(CameraArgument::Pinhole), degrees) => {
+                    RenderCamera::Pinhole(degrees.unwrap_or(FIELD_OF_VIEW_DEGREES))
+                }
+                (Some(CameraArgument::Erp | CameraArgument::Cube), Some(_)) => {
+                    let reason = "--fov-degrees is that of --camera pinhole; panoramas and faces of a cube have theirs";
+                    return Err(BadRequest(reason.to_owned()).into());
+                }
             },
             layer: match self.object {
                 Some(id) => format!("object:{id}"),
@@ -255,7 +265,8 @@ pub(crate) struct AssetArguments {
     #[arg(long, value_name = "1M,500k,full", value_delimiter = ',', default_value = "full", value_parser = Level::parse)]
     pub(crate) lod: Vec<Level>,
     /// Format of the levels; all but splat keep harmonics. gtime keeps the motion of a dynamic scene in one
-    /// file, and spz-sequence has a file for each of its frames.
+    /// file, and spz-sequence has files of moments that are evenly spread over the clip, as many as it has frames at
+    /// its usual interval, or --moments.
     #[arg(long, default_value = SPLAT_FORMATS[0].name)]
     pub(crate) format: String,
     /// Makes a page too, one HTML file that opens from disk; that of splat needs the viewer of scripts/setup

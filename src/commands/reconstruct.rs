@@ -230,11 +230,8 @@ pub(super) fn film(rendered: &RenderedViews, file: &Path) -> anyhow::Result<Stri
         Camera::Pinhole(_) => Projection::Flat,
     };
     let (images, times) = (&rendered.files, &rendered.times_seconds);
-    let rate = video::encode(images, times, projection, file)?;
-    Ok(format!(
-        "{} at {rate:.3} frames per second\n",
-        file.display()
-    ))
+    let timing = video::encode(images, times, projection, file)?;
+    Ok(format!("{} {timing}\n", file.display()))
 }
 
 /// Returns the table of the shares that no input view saw, or the reason why it is missing.

@@ -279,6 +279,15 @@ pub fn export_as(
             scene = padding::padded(&scene, frame, &scratch)?;
         }
         (writer.write)(&scene, folder)?;
+        // From here on the scene is what the format has of it.
+        if !writer.holds.contains(&Part::Points) {
+            scene.points = PointCloud::default();
+        }
+        if !writer.holds.contains(&Part::Names) {
+            for (number, frame) in scene.frames.iter_mut().enumerate() {
+                frame.name = parts::numbered_name(number);
+            }
+        }
         store::remove(&scratch)?;
         if scene.is_rig {
             cube_faces::write_rig(folder)?;

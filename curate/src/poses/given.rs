@@ -237,6 +237,9 @@ fn from_record(path: &Path, frames: &FrameList) -> Result<PosedSequence, CurateE
     validation
         .problems
         .extend(before_the_video(&record.frames, frames));
+    validation
+        .problems
+        .extend(beside_their_times(&matched, frames));
     let masked = masks.iter().flatten().count();
     if masked > 0 && masked < masks.len() {
         validation.problems.push(format!(
@@ -253,6 +256,31 @@ fn from_record(path: &Path, frames: &FrameList) -> Result<PosedSequence, CurateE
         points,
         scale: record.scale,
         source: given_by(path),
+    })
+}
+
+/// Share of the largest distance in time from which on poses are said to be of other moments than their frames.
+const NOTABLE_SHARE: f64 = 0.2;
+/// Rounding of times to milliseconds, and as much again, seconds.
+const NOTABLE_SECONDS: f64 = 0.002;
+
+/// Returns a line on poses of other moments than their frames.
+fn beside_their_times(matched: &[Option<&PosedFrame>], frames: &FrameList) -> Option<String> {
+    let pairs = frames.entries.iter().zip(matched);
+    let apart = pairs.filter_map(|(entry, found)| {
+        Some((found.as_ref()?.time_seconds - entry.time_seconds).abs())
+    });
+    let limit = NOTABLE_SECONDS.max(NOTABLE_SHARE * frames.tolerance_seconds);
+    let apart: Vec<f64> = apart.filter(|&apart| apart > limit).collect();
+    let largest = apart.iter().copied().fold(0.0, f64::max);
+    (!apart.is_empty()).then(|| {
+        format!(
+            "{} of {} frames have poses of other moments, up to {largest:.3} s away; the nearest within {:.3} s is taken, \
+             and nothing is interpolated",
+            apart.len(),
+            frames.entries.len(),
+            frames.tolerance_seconds
+        )
     })
 }
 

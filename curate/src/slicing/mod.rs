@@ -33,7 +33,7 @@ pub use partition::{Shots, segments, shots};
 pub(crate) use stage::remove_slices;
 pub use stage::{SliceSettings, write_slices};
 
-use crate::error::CurateError;
+use crate::{error::CurateError, projection};
 
 /// One slice to be written.
 #[derive(Debug, Clone)]
@@ -122,8 +122,8 @@ pub fn slice_video(
 /// the last one if no end is.
 ///
 /// # Errors
-/// Those of [`slice_video`], and [`CurateError::Input`] for a segment without frames, and when a file of this name
-/// exists.
+/// Those of [`slice_video`], and [`CurateError::Input`] for a segment without frames, for a video whose metadata say that
+/// it is not monoscopic and equirectangular, and when a file of this name exists.
 pub fn slice_segment(
     video: &Path,
     begin_seconds: Option<f64>,
@@ -134,6 +134,19 @@ pub fn slice_segment(
 ) -> Result<SliceFile, CurateError> {
     refuse_existing(out)?;
     let probe = probe(video)?;
+    if let Some(layout) = projection::stated_other(&probe) {
+        let reason = format!(
+            "must be a monoscopic equirectangular video, as its slice says of itself, and its metadata says {layout}"
+        );
+        return Err(CurateError::input(video, reason));
+    }
+    if probe.spherical.is_none() && !projection::aspect::is_two_to_one(&probe) {
+        let (width, height) = probe.upright_size();
+        progress.note(&format!(
+            "{}: states no projection and is {width}x{height}, not 2:1; the slice says that it is equirectangular",
+            video.display()
+        ));
+    }
     let times = PacketTable::scan(video)?.times();
     let Some(&last) = times.last() else {
         return Err(CurateError::video(video, "its packets have no timestamps"));

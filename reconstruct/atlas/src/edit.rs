@@ -23,7 +23,7 @@ use omnilife_training::{
     error::ReconstructError,
     models::{
         EditPurpose, EditedModel, PlannedFiles,
-        script::{self, Axes, Delay, Edit, Script, Unit},
+        script::{self, Axes, Edit, Script, Unit},
     },
 };
 
@@ -126,18 +126,11 @@ fn apply(graph: &mut Graph, edit: &Edit, folder: &Path, run: &RunRecord) -> Resu
         Edit::Retime {
             seconds, frames, ..
         } => {
-            let (share, words) = match script::delay(*seconds, *frames)? {
-                Delay::Frames(frames) => {
-                    let steps = graph.footage.frames.len().saturating_sub(1).max(1);
-                    (frames / steps as f64, format!("{frames} frames"))
-                }
-                Delay::Seconds(seconds) => {
-                    let clip = run.clip_seconds.map(|[first, last]| last - first);
-                    let clip = clip.filter(|length| *length > 0.0);
-                    let clip = clip.ok_or("the run's record has no times: give frames")?;
-                    (seconds / clip, format!("{seconds} s"))
-                }
-            };
+            let clip = run.clip_seconds.map(|[first, last]| last - first);
+            let clip = clip.filter(|length| *length > 0.0);
+            let clip = clip.ok_or("the run's record has no times: train it again")?;
+            let seconds = script::delay(*seconds, *frames)?.seconds(run.views.as_ref())?;
+            let (share, words) = (seconds / clip, format!("{seconds:.3} s"));
             let node = &mut graph.nodes[number];
             node.delay += share;
             let [begin, end] = node.times.map(|time| time + node.delay);

@@ -128,6 +128,8 @@ pub(super) struct SceneContext<'a> {
     pub(super) points: &'a [DVec3],
     /// Camera of the rendered images.
     pub(super) camera: Camera,
+    /// Camera of the poses, where their file has one.
+    pub(super) posed_camera: Option<Camera>,
 }
 
 impl SceneContext<'_> {
@@ -247,8 +249,8 @@ impl SceneContext<'_> {
         }
         let begin = offsets.first().map_or(0.0, |&offset| axes.heading(offset));
         let count = self.seconds.len();
-        // A whole turn ends one step before its beginning, an arc at its end.
-        let steps = if degrees.abs() >= 360.0 {
+        // Whole turns end one step before their beginning, an arc at its end.
+        let steps = if degrees.abs() >= 360.0 && degrees % 360.0 == 0.0 {
             count
         } else {
             count.saturating_sub(1)
@@ -334,7 +336,8 @@ impl SceneContext<'_> {
 
     /// Returns the place nearest to all viewing directions by least squares; `None` for parallel ones and panoramas.
     fn met(&self) -> Option<DVec3> {
-        if matches!(self.camera, Camera::Erp(_)) {
+        // Panoramas look everywhere, whatever is rendered in their places.
+        if !matches!(self.posed_camera, Some(Camera::Pinhole(_))) {
             return None;
         }
         let (mut sum, mut moved) = (DMat3::ZERO, DVec3::ZERO);

@@ -222,6 +222,7 @@ fn worded(
         posed,
         points: &points,
         camera,
+        posed_camera: path.camera,
     };
     let frames = surroundings.frames(words, opened)?;
     let given: BTreeSet<usize> = given.iter().map(|&frame| frame as usize).collect();

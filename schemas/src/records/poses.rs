@@ -22,6 +22,14 @@ pub struct Poses {
 }
 
 impl Poses {
+    /// Returns the shortest time from a frame to the next one, seconds: frames without a pose, and those that a split
+    /// leaves out, make single steps longer. `None` where no time rises.
+    pub fn seconds_per_frame(&self) -> Option<f64> {
+        let steps = self.frames.windows(2);
+        let steps = steps.map(|pair| pair[1].time_seconds - pair[0].time_seconds);
+        steps.filter(|step| *step > 0.0).min_by(f64::total_cmp)
+    }
+
     /// Makes a record of poses without points.
     pub fn new(scale: Scale, camera: Option<Camera>, frames: Vec<PosedFrame>) -> Self {
         Self {

@@ -190,10 +190,10 @@ pub fn node(clip: &Clip, object: usize, setting: &PlacementInputs<'_>) -> Placem
     };
     let texels = (size * per_unit).clamp(DVec2::splat(4.0), DVec2::splat(1080.0));
     let [first, last] = [seen.first(), seen.last()].map(|seen| seen.map_or(0, |seen| seen.frame));
-    let times = [
-        clip.frames[first.saturating_sub(1)].time,
-        clip.frames[(last + 1).min(clip.frames.len() - 1)].time,
-    ];
+    // Views before the first frame and after the last one are novel: what is seen there is there in these, too.
+    let before = first.checked_sub(1).map(|frame| clip.frames[frame].time);
+    let after = clip.frames.get(last + 1).map(|frame| frame.time);
+    let times = [before.unwrap_or(0.0), after.unwrap_or(1.0)];
     let mut made = Node {
         id: name.clone(),
         surface: Surface::Plane { size, trajectory },

@@ -170,6 +170,12 @@ impl LayerRenderer {
         {
             return Some("has no Gaussians of an object with this id");
         }
+        let has_paths = |part: &Part| part.parameterization.tracked().is_some();
+        if layer == Layer::Velocity && self.model.parts.iter().any(has_paths) {
+            return Some(
+                "its objects move along paths, and its Gaussians have no velocities; render dynamic or object:ID",
+            );
+        }
         let of_all = |part: &Part| !part.parameterization.tells_static_from_dynamic();
         (layer.is_of_time() && self.model.parts.iter().any(of_all)).then_some(
             "a network deforms these Gaussians, or they are of a file in time: none of them is static or dynamic \

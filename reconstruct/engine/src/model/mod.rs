@@ -84,6 +84,8 @@ pub struct Model {
     pub response: Option<CameraResponse>,
     /// Corrections of the input views' poses, if they are refined.
     pub poses: Option<PoseCorrections>,
+    /// The clip that it was trained on, if it is of a run.
+    pub clip: Option<TimeSpan>,
 }
 
 /// Trained arrays of one name.
@@ -102,6 +104,7 @@ impl Model {
             parts,
             response: None,
             poses: None,
+            clip: None,
         }
     }
 
@@ -138,13 +141,15 @@ impl Model {
             .reduce(|all, more| all + more)
     }
 
-    /// Returns the time in which its Gaussians change; `None` if nothing depends on it.
+    /// Returns the time in which its Gaussians change, and of its clip; `None` if nothing depends on it. Objects may be
+    /// there in a part of the clip alone.
     pub fn time_span(&self) -> Option<TimeSpan> {
         let spans = self
             .parts
             .iter()
             .filter_map(|part| part.parameterization.time_span());
-        spans.reduce(TimeSpan::union)
+        let own = spans.reduce(TimeSpan::union)?;
+        Some(self.clip.map_or(own, |clip| own.union(clip)))
     }
 
     /// Returns a view with the corrected pose, for training and rendering.

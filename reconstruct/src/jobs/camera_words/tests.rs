@@ -57,6 +57,7 @@ fn frames(
         posed: &posed,
         points,
         camera,
+        posed_camera: Some(camera),
     };
     surroundings.frames(words, &Empty)
 }

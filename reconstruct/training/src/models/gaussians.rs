@@ -6,13 +6,14 @@ use glam::{DQuat, DVec3};
 use omnilife_schemas::{
     RgbImage, Similarity,
     layout::{ASSET_FILE, RUN_FILE},
-    records::{Asset, InvalidGaussians, Objects, RunRecord},
+    records::{Asset, InvalidGaussians, Objects, Poses, RunRecord},
     store::{self, StoreError},
 };
 use serde::Deserialize;
 
 use omnilife_engine::{
     camera::{Camera, View},
+    clock::TimeSpan,
     gaussians::{
         ActivatedGaussians,
         static_gaussians::{self, StaticGaussians},
@@ -167,6 +168,17 @@ impl OpenedModel for OpenedGaussians {
     }
 }
 
+/// Returns the clip of a run, as far as its record has it.
+fn clip_of(run: &RunRecord) -> Option<TimeSpan> {
+    let [begin_seconds, end_seconds] = run.clip_seconds?;
+    let step = run.views.as_ref().and_then(Poses::seconds_per_frame);
+    Some(TimeSpan {
+        begin_seconds,
+        end_seconds,
+        frames: step.map(|step| ((end_seconds - begin_seconds) / step).round() as usize + 1),
+    })
+}
+
 /// Gaussians with the settings of their renderer.
 pub struct Source {
     /// A run's folder, or a file of Gaussians.
@@ -179,6 +191,8 @@ pub struct Source {
     settings: RenderSettings,
     /// Settings of a run's training; `None` for a file.
     trained: Option<TrainSettings>,
+    /// Clip of a run.
+    clip: Option<TimeSpan>,
 }
 
 impl Source {
@@ -197,6 +211,7 @@ impl Source {
                 renderer: RendererChoice::Exact,
                 settings: RenderSettings::new(1e-3),
                 trained: None,
+                clip: None,
             });
         };
         let record_path = path.join(RUN_FILE);
@@ -213,6 +228,7 @@ impl Source {
             renderer: settings.renderer,
             settings: settings.rendering,
             trained: Some(settings),
+            clip: clip_of(record),
         })
     }
 
@@ -243,7 +259,12 @@ impl Source {
     pub fn model(&self, invalid: &mut InvalidGaussians) -> Result<Model, ReconstructError> {
         match &self.trained {
             Some(settings) => {
-                formats::read_model(&self.path, settings, &self.normalization, invalid)
+                let model =
+                    formats::read_model(&self.path, settings, &self.normalization, invalid)?;
+                Ok(Model {
+                    clip: self.clip,
+                    ..model
+                })
             }
             None if in_time::is_named(&self.path) && self.axes.is_some() => {
                 Err(ReconstructError::Request {

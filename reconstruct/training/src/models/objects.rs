@@ -12,7 +12,7 @@ use omnilife_schemas::{
 
 use super::{
     EditPurpose, EditedModel, Export, ModelFormat, PlannedFiles, gaussians, run_views,
-    script::{self, Axes, Delay, Edit, Script, Unit},
+    script::{self, Axes, Edit, Script, Unit},
 };
 use crate::{
     error::ReconstructError,
@@ -124,10 +124,7 @@ impl EditedObjects<'_> {
             Edit::Retime {
                 seconds, frames, ..
             } => {
-                let seconds = match script::delay(*seconds, *frames)? {
-                    Delay::Seconds(seconds) => seconds,
-                    Delay::Frames(frames) => frames * self.seconds_per_frame()?,
-                };
+                let seconds = script::delay(*seconds, *frames)?.seconds(self.views)?;
                 let object = &mut self.record.objects[at];
                 object.path = object.path.clone().delayed(seconds);
                 self.stays_in_clip(at)?;
@@ -188,17 +185,6 @@ impl EditedObjects<'_> {
         Ok(centre
             .position(0.5 * (begin + end))
             .distance(first.pose.centre()))
-    }
-
-    fn seconds_per_frame(&self) -> Result<f64, String> {
-        let views = self.views.map_or(&[][..], |views| &views.frames[..]);
-        let steps = views.windows(2);
-        let steps = steps.map(|pair| pair[1].time_seconds - pair[0].time_seconds);
-        // Frames without a pose, and those that the split leaves out, make single steps longer.
-        steps
-            .filter(|step| *step > 0.0)
-            .min_by(f64::total_cmp)
-            .ok_or_else(|| "the run's record has no views: give seconds".to_owned())
     }
 
     fn remove(&mut self, at: usize) {

@@ -47,7 +47,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_schemas::store::StoreError;
+use omnilife_schemas::{records::Poses, store::StoreError};
 use serde::Deserialize;
 
 use crate::error::ReconstructError;
@@ -171,6 +171,22 @@ pub enum Delay {
     Seconds(f64),
     /// In frames of the clip.
     Frames(f64),
+}
+
+impl Delay {
+    /// Returns the delay in seconds, in a run of these views.
+    ///
+    /// # Errors
+    /// When it is in frames and the views give no time between two.
+    pub fn seconds(self, views: Option<&Poses>) -> Result<f64, String> {
+        match self {
+            Self::Seconds(seconds) => Ok(seconds),
+            Self::Frames(frames) => views
+                .and_then(Poses::seconds_per_frame)
+                .map(|step| frames * step)
+                .ok_or_else(|| "the run's record has no views: give seconds".to_owned()),
+        }
+    }
 }
 
 impl Script {
