@@ -121,3 +121,24 @@ fn matroska_states_the_same_pose() {
         (Some(POSE), "container")
     );
 }
+
+/// A slice says of itself that it is a whole sphere of one eye.
+#[test]
+fn other_layouts_are_not_sliced() {
+    let temp = tempfile::tempdir().unwrap();
+    let settings = SliceSettings { audio: false };
+    let out = temp.path().join("slice.mp4");
+    let whole = erp_clip(temp.path(), "walk.mp4", &[1], 30, 30);
+    mark_equirectangular(&whole, Orientation::default()).unwrap();
+    let mut bytes = fs::read(&whole).unwrap();
+    // The stereo mode of the box `st3d`: version, flags, mode.
+    let at = bytes.windows(4).position(|word| word == b"st3d").unwrap() + 8;
+    assert_eq!(bytes[at], 0);
+    bytes[at] = 1;
+    let stereo = temp.path().join("stereo.mp4");
+    fs::write(&stereo, bytes).unwrap();
+    let refusal = slice_segment(&stereo, None, None, &out, settings, &Silent).unwrap_err();
+    assert!(refusal.to_string().contains("top and bottom"), "{refusal}");
+    assert!(!out.exists());
+    slice_segment(&whole, None, None, &out, settings, &Silent).unwrap();
+}

@@ -139,6 +139,9 @@ fn what_moves_is_better_than_a_static_scene_has_it_and_can_be_taken_out() {
     let mut layers = LayerRenderer::new(model, settings);
     let mut without = LayerRenderer::new(without, settings);
     assert!(without.is_static() && !layers.is_static());
+    // Paths are no velocities of Gaussians: a map of these would show objects at rest.
+    assert!(layers.refusal(Layer::Velocity).is_some());
+    assert_eq!(layers.refusal(Layer::Dynamic), None);
     let taken_out = without.image(view, Layer::All);
     assert_eq!(layers.image(view, Layer::Static), taken_out);
     assert_ne!(layers.image(view, Layer::All), taken_out);

@@ -142,6 +142,25 @@ fn round_trip(format: &str, scene_folder: &Path, id: &str) -> (TempDir, Scene) {
     (export, scene)
 }
 
+/// What an export says that it wrote, and its table of times, are of the files.
+#[test]
+fn hm3d_has_numbered_images_and_no_points() {
+    let (folder, _) = scene();
+    let out = folder.path().join("out");
+    let written = export_all("hm3d", folder.path(), &out).unwrap();
+    assert!(written.points.is_empty());
+    let times = fs::read_to_string(out.join("times.csv")).unwrap();
+    let named: Vec<&str> = times
+        .lines()
+        .skip(1)
+        .map(|row| row.split(',').next().unwrap())
+        .collect();
+    assert_eq!(named.len(), written.frames.len());
+    for name in named {
+        assert!(out.join("pano").join(name).is_file(), "{name}");
+    }
+}
+
 #[test]
 fn every_format_gives_back_what_it_was_given() {
     let (folder, original) = scene();

@@ -110,6 +110,28 @@ fn poses_from_before_the_video_are_reported() {
 }
 
 #[test]
+fn poses_of_other_moments_are_reported_with_their_distance() {
+    let temp = tempfile::tempdir().unwrap();
+    let sequence = sequence_of_twenty(temp.path());
+    let line_of = |late: f64| {
+        let frames = (0..20).map(f64::from);
+        let frames = frames.map(|n| PosedFrame::new(0.1 * n + late, pose_at(n)));
+        let record = Poses::new(Scale::Metres, None, frames.collect());
+        let file = temp.path().join("poses.json");
+        store::write_record(&file, &record).unwrap();
+        let scene = pose_sequence(&sequence, &PoseRequest::Given(file), &Silent).unwrap();
+        let mut lines = scene.validation.problems.into_iter();
+        lines.find(|line| line.contains("of other moments"))
+    };
+    assert_eq!(line_of(0.001), None);
+    let line = line_of(0.04).unwrap();
+    assert!(
+        line.contains("20 of 20") && line.contains("0.040 s"),
+        "{line}"
+    );
+}
+
+#[test]
 fn given_poses_are_matched_by_time_and_bring_points_and_masks() {
     let temp = tempfile::tempdir().unwrap();
     let sequence = sequence_of_twenty(temp.path());

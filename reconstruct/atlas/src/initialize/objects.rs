@@ -190,10 +190,8 @@ pub fn node(clip: &Clip, object: usize, setting: &PlacementInputs<'_>) -> Placem
     };
     let texels = (size * per_unit).clamp(DVec2::splat(4.0), DVec2::splat(1080.0));
     let [first, last] = [seen.first(), seen.last()].map(|seen| seen.map_or(0, |seen| seen.frame));
-    // Views before the first frame and after the last one are novel: what is seen there is there in these, too.
-    let before = first.checked_sub(1).map(|frame| clip.frames[frame].time);
-    let after = clip.frames.get(last + 1).map(|frame| frame.time);
-    let times = [before.unwrap_or(0.0), after.unwrap_or(1.0)];
+    let of_frames: Vec<f64> = clip.frames.iter().map(|frame| frame.time).collect();
+    let times = existence(&of_frames, [first, last]);
     let mut made = Node {
         id: name.clone(),
         surface: Surface::Plane { size, trajectory },
@@ -208,6 +206,15 @@ pub fn node(clip: &Clip, object: usize, setting: &PlacementInputs<'_>) -> Placem
     let texels = [texels.x.ceil() as usize, texels.y.ceil() as usize];
     paint(clip, object, seen, &mut made, texels, reference.frame);
     PlacementOutcome::Node(Box::new(made), source)
+}
+
+/// Returns the begin and the end of an object that is seen in these frames of a clip, at times in [0, 1]: the frames
+/// before and after. Views before the first frame of the clip and after its last one are novel, and what is seen there
+/// is in these, too.
+fn existence(times: &[f64], [first, last]: [usize; 2]) -> [f64; 2] {
+    let before = first.checked_sub(1).map(|frame| times[frame]);
+    let after = times.get(last + 1).copied();
+    [before.unwrap_or(0.0), after.unwrap_or(1.0)]
 }
 
 /// Returns the poses of an object's plane by its motion, in the frames that determine one.
@@ -435,4 +442,17 @@ fn blurred(values: &[f64], width: usize, height: usize) -> Vec<f64> {
     };
     let rows = pass(values, 1, width, &|at| at % width);
     pass(&rows, width, height, &|at| at / width)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_object_of_the_first_or_the_last_frame_is_in_the_views_beyond() {
+        let times = [0.1, 0.3, 0.5, 0.7];
+        assert_eq!(existence(&times, [0, 3]), [0.0, 1.0]);
+        assert_eq!(existence(&times, [1, 2]), [0.1, 0.7]);
+        assert_eq!(existence(&times, [3, 3]), [0.5, 1.0]);
+    }
 }

@@ -49,6 +49,15 @@ fn frames(
     points: &[DVec3],
     camera: Camera,
 ) -> Result<Vec<PlacedFrame>, ReconstructError> {
+    frames_of(words, points, [camera; 2])
+}
+
+/// Returns the frames for a rendered camera and the camera of the poses.
+fn frames_of(
+    words: &CameraWords,
+    points: &[DVec3],
+    [camera, posed_camera]: [Camera; 2],
+) -> Result<Vec<PlacedFrame>, ReconstructError> {
     let posed = arc();
     let seconds: Vec<f64> = posed.iter().map(|frame| frame.seconds).collect();
     let surroundings = SceneContext {
@@ -57,7 +66,7 @@ fn frames(
         posed: &posed,
         points,
         camera,
-        posed_camera: Some(camera),
+        posed_camera: Some(posed_camera),
     };
     surroundings.frames(words, &Empty)
 }
@@ -99,14 +108,16 @@ fn an_orbit_goes_around_its_target_and_looks_at_it() {
         let first = turn[0].pose.centre() - target;
         assert!((opposite.x + first.x).abs() + (opposite.z + first.z).abs() < 1e-9);
     }
-    // An arc ends at its degrees.
-    let words = by(CameraPlaces::Orbit(90.0), None);
-    let arc = frames(&words, &[], pinhole()).expect("an arc");
-    let [first, last] = [arc[0], arc[7]].map(|frame| {
-        let offset = frame.pose.centre() - target;
-        dvec3(offset.x, 0.0, offset.z)
-    });
-    assert!((first.angle_between(last).to_degrees() - 90.0).abs() < 1e-6);
+    // An arc ends at its degrees, after a whole turn too.
+    for degrees in [90.0, 450.0] {
+        let words = by(CameraPlaces::Orbit(degrees), None);
+        let arc = frames(&words, &[], pinhole()).expect("an arc");
+        let [first, last] = [arc[0], arc[7]].map(|frame| {
+            let offset = frame.pose.centre() - target;
+            dvec3(offset.x, 0.0, offset.z)
+        });
+        assert!((first.angle_between(last).to_degrees() - 90.0).abs() < 1e-6);
+    }
 }
 
 #[test]
@@ -169,8 +180,12 @@ fn a_stationary_camera_is_that_of_its_frame_and_time_goes_on() {
 
 #[test]
 fn panoramas_without_points_have_no_middle() {
-    let camera = ErpCamera::new(64, 32).into();
-    let message = frames(&by(CameraPlaces::Orbit(360.0), None), &[], camera);
-    let message = message.expect_err("refused").to_string();
-    assert!(message.contains("--look-at"), "{message}");
+    let panorama = ErpCamera::new(64, 32).into();
+    let words = by(CameraPlaces::Orbit(360.0), None);
+    for rendered in [panorama, pinhole()] {
+        let message = frames_of(&words, &[], [rendered, panorama]);
+        let message = message.expect_err("refused").to_string();
+        assert!(message.contains("--look-at"), "{message}");
+    }
+    assert!(frames_of(&words, &[], [panorama, pinhole()]).is_ok());
 }

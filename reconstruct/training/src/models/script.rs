@@ -311,6 +311,11 @@ fn refusal(script: &Path, text: &str, byte: usize, reason: &str) -> ReconstructE
 
 #[cfg(test)]
 mod tests {
+    use omnilife_schemas::{
+        Pose,
+        records::{PosedFrame, Scale},
+    };
+
     use super::*;
 
     fn read(text: &str) -> Result<Script, String> {
@@ -318,6 +323,28 @@ mod tests {
         let path = folder.path().join("edit.toml");
         std::fs::write(&path, text).expect("a script");
         Script::read(&path).map_err(|error| error.to_string())
+    }
+
+    /// A step over a frame without a pose is longer.
+    #[test]
+    fn a_frame_is_the_shortest_step_of_all_views() {
+        let frame = |time_seconds: f64| PosedFrame {
+            time_seconds,
+            pose: Pose::new(glam::DQuat::IDENTITY, glam::DVec3::ZERO),
+            mask: None,
+        };
+        let views = |times: &[f64]| {
+            let frames = times.iter().map(|&time| frame(time)).collect();
+            Poses::new(Scale::Arbitrary, None, frames)
+        };
+        let some = views(&[0.0, 0.2, 0.6, 0.8]);
+        let frames = Delay::Frames(3.0);
+        let seconds = frames.seconds(Some(&some)).expect("a step");
+        assert!((seconds - 0.6).abs() < 1e-12, "{seconds}");
+        for none in [None, Some(&views(&[0.5])), Some(&views(&[0.5, 0.5]))] {
+            assert!(frames.seconds(none).is_err());
+            assert_eq!(Delay::Seconds(0.3).seconds(none), Ok(0.3));
+        }
     }
 
     #[test]

@@ -449,3 +449,23 @@ fn the_gpu_places_objects_and_finds_gradients_as_the_cpu_does() {
         }
     }
 }
+
+/// Objects may be there in a part of the clip alone.
+#[test]
+fn a_model_lasts_as_long_as_its_clip() {
+    let (tracked, table) = model();
+    let mut model = Model::new(vec![Part::new(tracked, table)]);
+    let span = |model: &Model| {
+        let span = model.time_span().expect("objects move");
+        ([span.begin_seconds, span.end_seconds], span.frames)
+    };
+    assert_eq!(span(&model), ([0.0, 4.0], None));
+    model.clip = Some(TimeSpan {
+        begin_seconds: -2.0,
+        end_seconds: 3.0,
+        frames: Some(11),
+    });
+    assert_eq!(span(&model), ([-2.0, 4.0], Some(11)));
+    model.parts.clear();
+    assert_eq!(model.time_span(), None);
+}
