@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use omnilife_schemas::{
+    camera::Camera,
     object_regions::Region,
     rgb::{self, Mask},
 };
@@ -31,6 +32,7 @@ pub(crate) struct LoadedView {
     classes: BTreeMap<&'static str, Mask>,
     objects: BTreeMap<String, Mask>,
     depth: Option<DepthPair>,
+    is_panorama: bool,
 }
 
 impl LoadedView {
@@ -74,6 +76,7 @@ impl LoadedView {
             dynamic,
             classes,
             objects,
+            is_panorama: matches!(job.scene.camera, Camera::Erp(_)),
             depth: None,
         };
         loaded.pair = loaded.read_prediction(job, (truth, ignored.as_ref()), true_depth);
@@ -124,6 +127,7 @@ impl LoadedView {
         let objects = self.objects.iter();
         sample.objects = objects.map(|(name, mask)| (name.as_str(), mask)).collect();
         sample.depth = self.depth.as_ref();
+        sample.is_panorama = self.is_panorama;
         sample
     }
 
@@ -137,6 +141,7 @@ impl LoadedView {
         let scores = |(name, mask): (&String, &Mask)| {
             let mut sample = Sample::new(pair);
             sample.objects = [(name.as_str(), mask)].into();
+            sample.is_panorama = self.is_panorama;
             let metrics = job.of_objects();
             let scores = metrics.map(|metric| (metric.function)(&sample).ok());
             (name.clone(), scores.collect::<Vec<_>>())

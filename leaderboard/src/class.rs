@@ -18,27 +18,15 @@ impl MethodClass {
     /// Returns the class of a method's results. An explicit statement decides over inference; among equals a training
     /// decides: records of the same method differ in their statements.
     pub(crate) fn of<'a>(results: impl IntoIterator<Item = &'a ResultRecord>) -> Self {
-        let classes = results.into_iter().map(|result| match result.training {
-            Some(TrainingKind::PerScene) => (0, Self::PerSceneTraining),
-            Some(TrainingKind::WithoutTraining) => (0, Self::WithoutTraining),
-            None => (1, Self::inferred(result)),
+        let classes = results.into_iter().map(|result| {
+            let class = match result.training_kind() {
+                Some(TrainingKind::PerScene) => Self::PerSceneTraining,
+                Some(TrainingKind::WithoutTraining) => Self::WithoutTraining,
+                None => Self::NotStated,
+            };
+            (result.training.is_none(), class)
         });
         classes.min().map_or(Self::NotStated, |(_, class)| class)
-    }
-
-    fn inferred(result: &ResultRecord) -> Self {
-        // A sweep for depth takes time but trains nothing on the scene.
-        let is_trained = match result.iterations {
-            Some(iterations) => iterations > 0,
-            None => result.training_seconds.unwrap_or(0.0) > 0.0,
-        };
-        if is_trained {
-            Self::PerSceneTraining
-        } else if result.backend.is_some() {
-            Self::WithoutTraining
-        } else {
-            Self::NotStated
-        }
     }
 
     /// Returns the heading over its rows.

@@ -11,7 +11,10 @@ use omnilife_schemas::{
     store,
 };
 
-use crate::{collect::RecordFiles, error::LeaderboardError, outputs::Outputs, validate};
+use crate::{
+    collect::RecordFiles, error::LeaderboardError, group, layouts, outputs::Outputs, repeats,
+    submission,
+};
 
 /// A query as users state it.
 #[derive(Debug, Clone)]
@@ -39,7 +42,8 @@ pub fn query(request: &QueryRequest) -> Result<Answer, LeaderboardError> {
         .map(|text| Filter::parse(text, request.table))
         .collect::<Result<_, _>>()?;
     let results = RecordFiles::below(&request.results)?.results()?;
-    validate::validate(&results)?;
+    let groups = group::groups(&results)?;
+    submission::check_means_of(&results)?;
     let facts = scene_facts(request.dataset.as_deref())?;
     let query = Query {
         table: request.table,
@@ -47,7 +51,13 @@ pub fn query(request: &QueryRequest) -> Result<Answer, LeaderboardError> {
         metrics: request.metrics.clone(),
         filters,
     };
-    Ok(ask(&query, &sources(&results, &facts))?)
+    let mut answer = ask(&query, &sources(&results, &facts))?;
+    for group in &groups {
+        answer.notes.extend(repeats::warnings(group));
+        let remarks = layouts::remarks_of(group);
+        answer.notes.extend(remarks.serious().cloned());
+    }
+    Ok(answer)
 }
 
 /// Reads a dataset's facts of its scenes; nothing without one.

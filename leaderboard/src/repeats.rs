@@ -9,9 +9,33 @@ use omnilife_schemas::records::{ResultRecord, ScoredFile};
 
 use crate::{class::MethodClass, format::counted, group::Group};
 
-/// Returns a line on scenes that are one, and a line on repetitions that are one.
+/// Returns a line on scenes that are one, a line on repetitions that are one, and a line on repetitions of other runs.
 pub(crate) fn warnings(group: &Group<'_>) -> Vec<String> {
-    scenes(group).into_iter().chain(seeds(group)).collect()
+    let lines = [scenes(group), seeds(group), other_lengths(group)];
+    lines.into_iter().flatten().collect()
+}
+
+/// Returns the methods of which seeds of a scene were trained for other numbers of iterations.
+fn other_lengths(group: &Group<'_>) -> Option<String> {
+    let different: Vec<String> = (group.scene_rows.iter())
+        .filter_map(|row| {
+            let lengths: BTreeSet<u64> = row
+                .results
+                .iter()
+                .filter_map(|one| one.iterations)
+                .collect();
+            let words: Vec<String> = lengths.iter().map(u64::to_string).collect();
+            (lengths.len() > 1)
+                .then(|| format!("{}, {} ({})", row.scene, row.method, words.join(" and ")))
+        })
+        .collect();
+    (!different.is_empty()).then(|| {
+        format!(
+            "Means over seeds that were trained for other numbers of iterations, which are no repetitions: {}. Keep one \
+             number.",
+            different.join("; ")
+        )
+    })
 }
 
 /// Returns the names of scenes with the same frames, poses and images.

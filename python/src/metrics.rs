@@ -153,6 +153,8 @@ pub(crate) fn compute(
             .collect();
         sample.previous = previous.as_ref();
         sample.depth = depth.as_ref();
+        // As wide as the whole sphere.
+        sample.is_panorama = width == 2 * height;
         let mut outcomes = Vec::with_capacity(metrics.len());
         for metric in metrics {
             if link.is_interrupted() {

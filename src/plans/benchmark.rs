@@ -13,7 +13,7 @@ use std::{
 };
 
 use omnilife_bench::{
-    external::{EXTERNAL_RUN_FILE, manifest::Manifest},
+    external::{EXTERNAL_RUN_FILE, manifest::Manifest, own_files},
     protocols,
 };
 use omnilife_reconstruct::methods::{self, Method as OurMethod, variant::Variant};
@@ -369,6 +369,9 @@ impl Work<'_> {
         let mut inputs = vec![scene.clone()];
         if let MethodKind::External(manifest) = &self.method.kind {
             inputs.push(argument(manifest)?);
+            for script in own_files(manifest)? {
+                inputs.push(argument(&script)?);
+            }
         }
         let name = plan::file_name(&format!(
             "{id}.{}.{}.seed-{seed}",

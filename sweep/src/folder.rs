@@ -11,7 +11,8 @@ use std::{
 };
 
 use omnilife_schemas::{
-    records::{SweepPlan, SweepUnit, UnitInput, UnitOutcome, UnitRunner},
+    layout::SCENE_FILE,
+    records::{Scene, SweepPlan, SweepUnit, UnitInput, UnitOutcome, UnitRunner},
     stage::StageOutput,
     store::{self, StoreError},
 };
@@ -169,13 +170,13 @@ impl Sweep {
     }
 
     fn is_unchanged(&self, input: &UnitInput) -> bool {
-        let path = self.path(&input.file);
-        let Ok((bytes, modified_nanoseconds)) = size_and_time(&path) else {
+        let files = InputFiles::of(&self.path(&input.file));
+        let Ok((bytes, modified_nanoseconds)) = files.size_and_time() else {
             return false;
         };
         bytes == input.bytes
             && (modified_nanoseconds == input.modified_nanoseconds
-                || store::sha256_file(&path).is_ok_and(|sha256| sha256 == input.sha256))
+                || files.sha256().is_ok_and(|sha256| sha256 == input.sha256))
     }
 
     /// Returns a path of the plan, relative to the working folder of its commands.
@@ -191,15 +192,14 @@ impl Sweep {
         unit.inputs
             .iter()
             .map(|file| {
-                let path = self.path(file);
-                // Examined before it is hashed, so that a later change shows.
-                let (bytes, modified_nanoseconds) =
-                    size_and_time(&path).map_err(|source| StoreError::read(&path, source))?;
+                let files = InputFiles::of(&self.path(file));
+                // Examined before they are hashed, so that a later change shows.
+                let (bytes, modified_nanoseconds) = files.size_and_time()?;
                 Ok(UnitInput {
                     file: file.clone(),
                     bytes,
                     modified_nanoseconds,
-                    sha256: store::sha256_file(&path)?,
+                    sha256: files.sha256()?,
                 })
             })
             .collect()
@@ -293,6 +293,57 @@ fn outcome_in(unit: &SweepUnit, path: &Path) -> Result<Option<UnitOutcome>, Stor
 }
 
 /// Returns bytes, and nanoseconds since 1970 at the last change.
+/// An input with the files that it names: a scene stands for its images, masks and points.
+struct InputFiles {
+    own: PathBuf,
+    /// Not all need be there.
+    named: Vec<PathBuf>,
+}
+
+impl InputFiles {
+    fn of(path: &Path) -> Self {
+        let is_scene = path.file_name().is_some_and(|name| name == SCENE_FILE);
+        // The commands of a unit say what is wrong with a scene that cannot be read.
+        let scene = is_scene.then(|| store::read_record::<Scene>(path).ok());
+        let files = scene.flatten().map(|scene| {
+            let files = scene.files().into_iter();
+            files.map(|file| path.with_file_name(file)).collect()
+        });
+        Self {
+            own: path.to_owned(),
+            named: files.unwrap_or_default(),
+        }
+    }
+
+    /// Returns the size of all, and the sum of their times, which changes with any of them; nanoseconds since 1970.
+    fn size_and_time(&self) -> Result<(u64, u64), StoreError> {
+        let own = size_and_time(&self.own).map_err(|source| StoreError::read(&self.own, source))?;
+        let named = self
+            .named
+            .iter()
+            .filter_map(|file| size_and_time(file).ok());
+        Ok(named.fold(own, |(bytes, time), (more, later)| {
+            (bytes.wrapping_add(more), time.wrapping_add(later))
+        }))
+    }
+
+    /// Returns the hash of the file, or that of the hashes of all.
+    fn sha256(&self) -> Result<String, StoreError> {
+        let own = store::sha256_file(&self.own)?;
+        if self.named.is_empty() {
+            return Ok(own);
+        }
+        let mut hashes = vec![own];
+        for file in &self.named {
+            hashes.push(match file.is_file() {
+                true => store::sha256_file(file)?,
+                false => "not there".to_owned(),
+            });
+        }
+        Ok(store::sha256_bytes(hashes.join("\n").as_bytes()))
+    }
+}
+
 fn size_and_time(path: &Path) -> std::io::Result<(u64, u64)> {
     let metadata = fs::metadata(path)?;
     let since = metadata.modified()?.duration_since(UNIX_EPOCH);

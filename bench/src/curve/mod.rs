@@ -24,6 +24,25 @@ pub use measures::{BELOW_END_DB, Crossing, MOMENTS_SECONDS, QUALITIES_DB, RunCur
 pub use table::curves_table;
 pub use trace::{Clock, FinalScores, Region, TraceRow, TracedRun, read_run};
 
+/// Returns the reason why scores of two runs of a scene are not of the same views; `None` if they are.
+fn other_views(first: &TracedRun, run: &TracedRun) -> Option<String> {
+    let folder = first.folder.display();
+    let has_hashes = !first.scene_sha256.is_empty() && !run.scene_sha256.is_empty();
+    if has_hashes && first.scene_sha256 != run.scene_sha256 {
+        return Some(format!(
+            "is of other cameras or images of {} than {folder}",
+            run.scene
+        ));
+    }
+    (first.novel_views != run.novel_views).then(|| {
+        format!(
+            "has scores of {} novel views along its training, {folder} of {}: the curves must be of the same views \
+             (--trace-views of training)",
+            run.novel_views, first.novel_views
+        )
+    })
+}
+
 /// Runs of one scene and protocol, measured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
@@ -57,7 +76,13 @@ pub fn curves(
         let run = read_run(path, clock, region)?;
         let key = (run.scene.clone(), run.protocol_hash.clone());
         match groups.iter_mut().find(|(other, _)| *other == key) {
-            Some((_, runs)) => runs.push(run),
+            Some((_, runs)) => {
+                let reason = runs.first().and_then(|first| other_views(first, &run));
+                if let Some(reason) = reason {
+                    return Err(BenchError::mismatch(path, reason));
+                }
+                runs.push(run);
+            }
             None => groups.push((key, vec![run])),
         }
     }

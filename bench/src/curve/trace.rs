@@ -85,6 +85,10 @@ pub struct TracedRun {
     pub scene: String,
     /// Hash of the protocol.
     pub protocol_hash: String,
+    /// Hash of the scene's cameras and images; empty in results of older versions.
+    pub scene_sha256: String,
+    /// Novel views that its scores are means over.
+    pub novel_views: usize,
     /// Random seed.
     pub seed: u64,
     /// The clock of its times.
@@ -132,14 +136,8 @@ impl FinalScores {
     /// Returns those of a result.
     ///
     /// # Errors
-    /// When the result is not complete, or has no PSNR of novel views in the region.
+    /// When the result has no PSNR of novel views in the region.
     fn of_result(file: &Path, record: &ResultRecord, region: Region) -> Result<Self, BenchError> {
-        if let Some(reason) = record.why_incomplete() {
-            return Err(BenchError::mismatch(
-                file,
-                format!("is not complete: {reason}"),
-            ));
-        }
         let mean = |metric: &str| record.novel_views.get(metric).map(|summary| summary.mean);
         let psnr_db = mean(region.psnr_metric()).filter(|psnr| psnr.is_finite());
         let psnr_db = psnr_db.ok_or_else(|| {
@@ -264,8 +262,8 @@ fn training_cpu_seconds(stages: &[StageTime]) -> Option<f64> {
 /// views along its training.
 ///
 /// # Errors
-/// When the curve is malformed, goes back in time, or lacks the requested time in some of its rows. Also when there
-/// are left out, and the result is not complete or has no score of novel views in the region.
+/// When the result is not complete, or the curve is malformed, goes back in time, or lacks the requested time in some of
+/// its rows. Also when there are none, and the result has no score of novel views in the region.
 pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, BenchError> {
     if path.join(RUN_FILE).is_file() {
         return Err(BenchError::mismatch(
@@ -279,12 +277,19 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
         path.to_owned()
     };
     let record: ResultRecord = store::read_record(&file)?;
+    if let Some(reason) = record.why_incomplete() {
+        return Err(BenchError::mismatch(
+            &file,
+            format!("is not complete: {reason}"),
+        ));
+    }
     let curve = file.with_file_name(CURVE_FILE);
-    let (rows, evaluation_seconds) = if curve.exists() {
+    let scored = if curve.exists() {
         scored_rows(&curve, clock, region)?
     } else {
-        (Vec::new(), 0.0)
+        ScoredRows::default()
     };
+    let (rows, evaluation_seconds) = (scored.rows, scored.evaluation_seconds);
     let last = rows.last();
     let final_scores = match last {
         Some(last) => FinalScores::of_row(last),
@@ -309,20 +314,31 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
         method: record.method,
         scene: record.scene,
         protocol_hash: record.protocol_hash,
+        scene_sha256: record.scene_sha256,
+        novel_views: match rows.is_empty() {
+            true => (record.novel_views.get(region.psnr_metric()))
+                .map_or(0, |summary| summary.views as usize),
+            false => scored.novel_views,
+        },
         seed: record.seed.unwrap_or_default(),
         rows,
     })
 }
 
-/// Reads the rows of a curve with a score in the region, and the time for rendering the views of all rows, seconds.
-/// There are no rows if the curve has no time of the clock.
-fn scored_rows(
-    curve: &Path,
-    clock: Clock,
-    region: Region,
-) -> Result<(Vec<TraceRow>, f64), BenchError> {
+/// Rows of a curve with a score in the region.
+#[derive(Default)]
+struct ScoredRows {
+    rows: Vec<TraceRow>,
+    /// Time for rendering the views of all rows, seconds.
+    evaluation_seconds: f64,
+    /// Views of the last row.
+    novel_views: usize,
+}
+
+/// Reads the rows of a curve. There are none if the curve has no time of the clock.
+fn scored_rows(curve: &Path, clock: Clock, region: Region) -> Result<ScoredRows, BenchError> {
     let mut rows = Vec::new();
-    let mut evaluation_seconds = 0.0;
+    let (mut evaluation_seconds, mut novel_views) = (0.0, 0);
     let all = read_rows(curve)?;
     let is_timed = clock == Clock::Wall || all.iter().any(|row| row.cpu_seconds.is_some());
     for row in all {
@@ -345,6 +361,7 @@ fn scored_rows(
                 format!("iteration {} has a value that is not finite", row.iteration),
             ));
         }
+        novel_views = row.novel_views;
         rows.push(TraceRow {
             seconds,
             evaluation_seconds: row.evaluation_seconds,
@@ -363,5 +380,9 @@ fn scored_rows(
     if !rows.is_sorted_by_key(|row| row.seconds) {
         return Err(BenchError::mismatch(curve, "goes back in time"));
     }
-    Ok((rows, evaluation_seconds))
+    Ok(ScoredRows {
+        rows,
+        evaluation_seconds,
+        novel_views,
+    })
 }

@@ -10,7 +10,10 @@ mod gather;
 pub mod manifest;
 mod placeholders;
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 use omnilife_schemas::{
     child::{self, GRACE, Job},
@@ -78,7 +81,8 @@ pub fn run_external(
         .with_file(&request.scene)?
         .with_file(&request.split)?
         .with_hash("frames of the split", identity.sha256);
-    let plan = with_own_files(plan, &manifest, &places)?;
+    let plan = with_scene_files(plan, &request.scene, &scene)?;
+    let plan = with_own_files(plan, &request.manifest)?;
     let label = format!("{} on {}", manifest.id, scene.id);
     let skipped = format!("{label}: skipped, nothing has changed");
     for folder in [WORK_FOLDER, LOG_FOLDER, PREDICTIONS_FOLDER] {
@@ -138,20 +142,42 @@ pub fn run_external(
     })
 }
 
-/// Adds the files beside the manifest that its commands name: the method's own scripts.
-fn with_own_files(
-    mut plan: StagePlan,
-    manifest: &Manifest,
-    places: &Places,
+/// Adds points, masks and distances of the scene, which a method may read, to its images.
+fn with_scene_files(
+    plan: StagePlan,
+    scene_file: &Path,
+    scene: &Scene,
 ) -> Result<StagePlan, BenchError> {
-    let words = manifest.phases().flat_map(|(_, command)| command.iter());
-    for word in words.filter(|word| word.contains("{folder}")) {
-        let path = PathBuf::from(places.fill(word));
+    let images: BTreeSet<&str> = scene.frames.iter().map(|frame| &*frame.image).collect();
+    let mut hashes = Vec::new();
+    for file in scene.files().difference(&images) {
+        let path = scene_file.with_file_name(file);
         if path.is_file() {
-            plan = plan.with_file(&path)?;
+            hashes.push(store::sha256_file(&path)?);
         }
     }
+    let sha256 = store::sha256_bytes(hashes.join("\n").as_bytes());
+    Ok(plan.with_hash("points, masks and distances of the scene", sha256))
+}
+
+/// Adds the method's own scripts.
+fn with_own_files(mut plan: StagePlan, manifest: &Path) -> Result<StagePlan, BenchError> {
+    for path in own_files(manifest)? {
+        plan = plan.with_file(&path)?;
+    }
     Ok(plan)
+}
+
+/// Returns the files beside a manifest that its commands name: the method's own scripts.
+///
+/// # Errors
+/// When the manifest cannot be read.
+pub fn own_files(manifest: &Path) -> Result<Vec<PathBuf>, BenchError> {
+    let folder = manifest.parent().unwrap_or(Path::new(""));
+    let read = Manifest::read(manifest)?;
+    let words = read.phases().flat_map(|(_, command)| command.iter());
+    let paths = words.filter_map(|word| Some(folder.join(word.split_once("{folder}/")?.1)));
+    Ok(paths.filter(|path| path.is_file()).collect())
 }
 
 /// Runs the commands one after another until one fails; returns the reason.

@@ -48,6 +48,25 @@ pub(super) const SSIM_MASKED: Metric = Metric {
     ..SSIM
 };
 
+/// Returns the first column and the number of columns of the shortest span with all marked ones; that of a panorama may
+/// go around the seam. `None` without any.
+fn span_of(columns: &[bool], is_panorama: bool) -> Option<(usize, usize)> {
+    let width = columns.len();
+    let marked: Vec<usize> = (0..width).filter(|&column| columns[column]).collect();
+    let (&first, &last) = (marked.first()?, marked.last()?);
+    let mut span = (first, last + 1 - first);
+    if is_panorama {
+        // The rest of a turn after the widest gap between neighbours.
+        for pair in marked.windows(2) {
+            let across = width + pair[0] + 1 - pair[1];
+            if across < span.1 {
+                span = (pair[1], across);
+            }
+        }
+    }
+    Some(span)
+}
+
 /// Both images in the box of a mask, in [0, 1].
 struct Crop {
     size: [usize; 2],
@@ -63,11 +82,14 @@ impl Crop {
         let [width, _] = sample.pair.size();
         let inside = |at: &usize| mask.data[*at] != 0 && sample.pair.counts(*at);
         let pixels: Vec<usize> = (0..mask.data.len()).filter(inside).collect();
-        let columns = || pixels.iter().map(|pixel| pixel % width);
-        let (left, right) = (columns().min()?, columns().max()?);
+        let mut columns = vec![false; width];
+        for pixel in &pixels {
+            columns[pixel % width] = true;
+        }
+        let (left, across) = span_of(&columns, sample.is_panorama)?;
         let (top, bottom) = (pixels.first()? / width, pixels.last()? / width);
-        let places =
-            (top..=bottom).flat_map(|row| (left..=right).map(move |column| row * width + column));
+        let places = (top..=bottom)
+            .flat_map(|row| (left..left + across).map(move |column| row * width + column % width));
         let read = |image: &[u8]| -> Vec<f64> {
             places
                 .clone()
@@ -81,7 +103,7 @@ impl Crop {
         let counted = places.clone().map(|at| sample.pair.counts(at));
         Some(Self {
             counted: counted.collect(),
-            size: [right + 1 - left, bottom + 1 - top],
+            size: [across, bottom + 1 - top],
             prediction: read(sample.pair.prediction()),
             truth: read(sample.pair.truth()),
         })
@@ -123,4 +145,28 @@ fn mean(
         return Err(Undefined("no object that is large enough is seen"));
     }
     Ok(scores.iter().sum::<f64>() / scores.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spans_of_panoramas_are_the_shortest_around_the_seam() {
+        let columns = |marked: &[usize]| -> Vec<bool> {
+            (0..10).map(|column| marked.contains(&column)).collect()
+        };
+        for (marked, flat, around) in [
+            (&[][..], None, None),
+            (&[4], Some((4, 1)), Some((4, 1))),
+            (&[2, 3, 5], Some((2, 4)), Some((2, 4))),
+            (&[0, 1, 8, 9], Some((0, 10)), Some((8, 4))),
+            (&[0, 9], Some((0, 10)), Some((9, 2))),
+        ] {
+            assert_eq!(span_of(&columns(marked), false), flat, "{marked:?}");
+            assert_eq!(span_of(&columns(marked), true), around, "{marked:?}");
+        }
+        let all = vec![true; 10];
+        assert_eq!(span_of(&all, true), Some((0, 10)));
+    }
 }

@@ -38,6 +38,8 @@ pub struct Sample<'a> {
     pub objects: BTreeMap<&'a str, &'a Mask>,
     /// Depth.
     pub depth: Option<&'a DepthPair>,
+    /// True if the left and the right edge of the images meet.
+    pub is_panorama: bool,
     ssim_map: OnceLock<SsimMap>,
     cube_faces: OnceLock<Vec<Face>>,
     temporal_lpips: OnceLock<Result<TemporalLpips, Undefined>>,
@@ -66,6 +68,7 @@ impl<'a> Sample<'a> {
             classes: BTreeMap::new(),
             objects: BTreeMap::new(),
             depth: None,
+            is_panorama: false,
             ssim_map: OnceLock::new(),
             cube_faces: OnceLock::new(),
             temporal_lpips: OnceLock::new(),

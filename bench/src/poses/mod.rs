@@ -90,12 +90,10 @@ pub fn score_poses(scene: &Scene, estimate: &PoseEstimate<'_>) -> Result<PoseSco
         frame.estimated = frame.estimated.and_then(|pose| alignment.apply(&pose));
     }
     let stands = degeneracy == Some(Degeneracy::ReferenceStands);
-    let third = frames.len().div_ceil(3);
-    let thirds = |number: usize| {
-        let end = frames.len();
-        ate_rmse(&frames[(number * third).min(end)..((number + 1) * third).min(end)])
-            .filter(|_| !stands)
-    };
+    // As even as whole frames allow: 3, 4 and 3 of ten.
+    let bound = |number: usize| (2 * number * frames.len() + 3) / 6;
+    let thirds =
+        |number: usize| ate_rmse(&frames[bound(number)..bound(number + 1)]).filter(|_| !stands);
     let unit = match estimate.truth {
         None => scene.scale,
         Some(_) => Scale::Arbitrary,

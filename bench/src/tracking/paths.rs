@@ -19,8 +19,8 @@ pub struct PathScores {
     pub missing: u32,
     /// Median distance on the ground, metres.
     pub ground_metres: f64,
-    /// Median error of the heading while it moves, degrees.
-    pub heading_degrees: f64,
+    /// Median error of the heading while it moves, degrees; `None` if no true object moves.
+    pub heading_degrees: Option<f64>,
     /// Median error of the length, metres.
     pub length_metres: f64,
 }
@@ -84,7 +84,7 @@ pub fn score_paths(
         samples: ground.len() as u32,
         missing,
         ground_metres: median(&ground)?,
-        heading_degrees: median(&headings).unwrap_or(0.0),
+        heading_degrees: median(&headings),
         length_metres: median(&lengths)?,
     })
 }

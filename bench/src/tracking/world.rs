@@ -290,7 +290,10 @@ mod tests {
         let scores = scores.unwrap_or_else(|| panic!("the paths are near"));
         assert_eq!((scores.samples, scores.missing), (20, 0));
         assert!(scores.ground_metres < 1e-9 && scores.length_metres < 1e-9);
-        assert!(scores.heading_degrees < 1e-6, "{scores:?}");
+        assert!(
+            scores.heading_degrees.is_some_and(|degrees| degrees < 1e-6),
+            "{scores:?}"
+        );
     }
 
     #[test]

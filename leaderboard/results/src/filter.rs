@@ -47,8 +47,21 @@ enum Value {
     Flag(bool),
 }
 
+/// Returns the values of a list, as fields of CSV.
+fn fields(list: &str) -> Vec<String> {
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .trim(csv::Trim::All)
+        .from_reader(list.trim().as_bytes());
+    let record = reader.records().next().and_then(Result::ok);
+    match record {
+        Some(record) => record.iter().map(str::to_owned).collect(),
+        None => vec![String::new()],
+    }
+}
+
 impl Filter {
-    /// Reads `COLUMN=VALUE`, `COLUMN!=VALUE` (both with several values between commas), or `COLUMN<VALUE`
+    /// Reads `COLUMN=VALUE`, `COLUMN!=VALUE` (both with several values between commas; `"a, b"` is one value), or `COLUMN<VALUE`
     /// with `<`, `<=`, `>` or `>=` of a column of numbers.
     ///
     /// # Errors
@@ -64,9 +77,8 @@ impl Filter {
         };
         let (name, values) = (text[..at].trim(), &text[at + sign.len()..]);
         let column = known(table, name)?;
-        let values: Vec<Value> = values
-            .split(',')
-            .map(|value| Value::parse(value.trim(), column))
+        let values: Vec<Value> = (fields(values).iter())
+            .map(|value| Value::parse(value, column))
             .collect::<Result<_, _>>()?;
         let orders = !matches!(operator, Operator::Equals | Operator::Differs);
         if orders && !matches!(values.as_slice(), [Value::Number(_)]) {

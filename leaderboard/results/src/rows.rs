@@ -8,6 +8,9 @@ use omnilife_schemas::{
 
 use crate::{curve::CurvePoint, error::ResultsError, source::Source};
 
+/// Name of novel views in tables.
+const NOVEL: &str = "novel";
+
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Row<'a> {
     pub(crate) source: &'a Source<'a>,
@@ -179,7 +182,7 @@ impl<'a> Loaded<'a> {
             for (metric, region, value) in point.scores() {
                 each(Row {
                     source: self.source,
-                    view: "novel",
+                    view: NOVEL,
                     metric,
                     region,
                     object: None,
@@ -222,8 +225,16 @@ struct Thirds {
 }
 
 impl Thirds {
+    /// Divides the time of the novel views, which all methods have: not all have input views.
     fn of(table: &FrameScores) -> Self {
-        let times = || table.rows.iter().map(|row| row.time_seconds);
+        let is_novel = |view: &str| view == NOVEL;
+        let has_novel = table.rows.iter().any(|row| is_novel(&row.view));
+        let rows = table.rows.iter();
+        let times = || {
+            rows.clone()
+                .filter(|row| !has_novel || is_novel(&row.view))
+                .map(|row| row.time_seconds)
+        };
         Self {
             first: times().fold(f64::INFINITY, f64::min),
             last: times().fold(f64::NEG_INFINITY, f64::max),
@@ -233,7 +244,7 @@ impl Thirds {
     /// Returns 1, 2 or 3; `None` if all views are simultaneous.
     fn of_time(&self, time: f64) -> Option<i64> {
         let span = self.last - self.first;
-        (span > 0.0).then(|| ((3.0 * (time - self.first) / span) as i64).min(2) + 1)
+        (span > 0.0).then(|| ((3.0 * (time - self.first) / span) as i64).clamp(0, 2) + 1)
     }
 }
 
@@ -249,13 +260,14 @@ mod tests {
     }
 
     #[test]
-    fn thirds_divide_the_time_of_all_views() {
+    fn thirds_divide_the_time_of_novel_views() {
         let thirds = Thirds {
             first: 2.0,
             last: 5.0,
         };
-        let of = [2.0, 2.9, 3.0, 4.1, 5.0].map(|time| thirds.of_time(time));
-        assert_eq!(of, [1, 1, 2, 3, 3].map(Some));
+        // Input views may lie before the first novel view and after the last one.
+        let of = [0.5, 2.0, 2.9, 3.0, 4.1, 5.0, 6.5].map(|time| thirds.of_time(time));
+        assert_eq!(of, [1, 1, 1, 2, 3, 3, 3].map(Some));
         let still = Thirds {
             first: 2.0,
             last: 2.0,

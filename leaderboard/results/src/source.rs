@@ -53,7 +53,7 @@ impl<'a> Source<'a> {
 
     /// Returns the kind of training of the method, as named in records.
     pub(crate) fn training(&self) -> Option<&'static str> {
-        self.result.training.map(|kind| match kind {
+        self.result.training_kind().map(|kind| match kind {
             TrainingKind::PerScene => "per-scene",
             TrainingKind::WithoutTraining => "without-training",
         })

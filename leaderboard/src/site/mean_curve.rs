@@ -15,8 +15,10 @@ pub(super) struct MeanPoint {
 ///
 /// Rows of a trace are at times, not at iterations: between two rows of a curve, steps take equally long, and quality
 /// is linear in the logarithm of time. After its end a curve keeps its last value.
-pub(super) fn mean(curves: &[&[CurvePoint]]) -> Vec<MeanPoint> {
-    let timed: Vec<Vec<MeanPoint>> = curves.iter().map(|curve| timed(curve)).collect();
+///
+/// Curves count by their weights.
+pub(super) fn mean(curves: &[(f64, &[CurvePoint])]) -> Vec<MeanPoint> {
+    let timed: Vec<Vec<MeanPoint>> = curves.iter().map(|(_, curve)| timed(curve)).collect();
     let begins: Option<Vec<u64>> = (timed.iter())
         .map(|curve| Some(curve.first()?.iteration))
         .collect();
@@ -28,18 +30,23 @@ pub(super) fn mean(curves: &[&[CurvePoint]]) -> Vec<MeanPoint> {
     };
     let rows = first.iter().map(|point| point.iteration);
     let iterations = rows.filter(|&iteration| begin <= iteration && iteration < end);
-    let number = timed.len() as f64;
+    let all: f64 = curves.iter().map(|(weight, _)| weight).sum();
     iterations
         .chain([end])
         .filter_map(|iteration| {
             let points = timed.iter().map(|curve| at(curve, iteration));
             let points: Vec<MeanPoint> = points.collect::<Option<_>>()?;
-            let seconds: f64 = points.iter().map(|point| point.seconds).sum();
-            let psnr_db: f64 = points.iter().map(|point| point.psnr_db).sum();
+            let mean = |value: fn(&MeanPoint) -> f64| {
+                let weighted = points.iter().zip(curves);
+                weighted
+                    .map(|(point, (weight, _))| weight * value(point))
+                    .sum::<f64>()
+                    / all
+            };
             Some(MeanPoint {
-                seconds: seconds / number,
+                seconds: mean(|point| point.seconds),
                 iteration,
-                psnr_db: psnr_db / number,
+                psnr_db: mean(|point| point.psnr_db),
             })
         })
         .collect()
@@ -97,6 +104,20 @@ mod tests {
             psnr_static_db: None,
             psnr_dynamic_db: None,
         }
+    }
+
+    fn mean(curves: &[&[CurvePoint]]) -> Vec<MeanPoint> {
+        let equal: Vec<(f64, &[CurvePoint])> = curves.iter().map(|&curve| (0.5, curve)).collect();
+        super::mean(&equal)
+    }
+
+    /// Two seeds of one scene and one of another.
+    #[test]
+    fn curves_count_by_their_weights() {
+        let curves = [20.0, 22.0, 27.0].map(|psnr_db| [point(1.0, 10, psnr_db)]);
+        let weighted = [(0.5, &curves[0][..]), (0.5, &curves[1]), (1.0, &curves[2])];
+        let found = super::mean(&weighted);
+        assert_eq!(found[0].psnr_db, 24.0);
     }
 
     #[test]

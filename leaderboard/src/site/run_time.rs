@@ -96,8 +96,10 @@ fn of_method(
     class: MethodClass,
     (score, seconds): (f64, Option<f64>),
 ) -> Option<Series> {
-    let of_results: Vec<&[CurvePoint]> = (results.iter())
-        .map(|result| request.curve(result))
+    // Scenes count alike, whatever the number of their seeds, as in tables.
+    let seeds_of = |scene: &str| results.iter().filter(|other| other.scene == scene).count();
+    let of_results: Vec<(f64, &[CurvePoint])> = (results.iter())
+        .map(|result| (1.0 / seeds_of(&result.scene) as f64, request.curve(result)))
         .collect();
     let curve = mean_curve::mean(&of_results);
     let marks: Vec<Mark> = match seconds.filter(|&seconds| seconds > 0.0) {

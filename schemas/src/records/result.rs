@@ -262,6 +262,21 @@ impl ResultRecord {
         })
     }
 
+    /// Returns the way the method came to its views: as stated, or as iterations and times show; `None` where neither
+    /// says.
+    pub fn training_kind(&self) -> Option<TrainingKind> {
+        // A sweep for depth takes time but trains nothing on the scene.
+        let is_trained = match self.iterations {
+            Some(iterations) => iterations > 0,
+            None => self.training_seconds.unwrap_or(0.0) > 0.0,
+        };
+        self.training.or(match (is_trained, &self.backend) {
+            (true, _) => Some(TrainingKind::PerScene),
+            (false, Some(_)) => Some(TrainingKind::WithoutTraining),
+            (false, None) => None,
+        })
+    }
+
     /// Returns whether both score regions of the image that were found in different ways: these scores are not
     /// comparable.
     pub fn has_other_regions(&self, other: &Self) -> bool {

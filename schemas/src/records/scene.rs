@@ -41,6 +41,12 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Returns all files of the scene beside its record, without repetition.
+    pub fn files(&self) -> BTreeSet<&str> {
+        let of_frames = self.frames.iter().flat_map(SceneFrame::files);
+        of_frames.chain(&self.points).map(String::as_str).collect()
+    }
+
     /// Makes a scene of given poses, which are not checked, of arbitrary scale and without points and objects.
     pub fn given(id: &str, camera: impl Into<Camera>, frames: Vec<SceneFrame>) -> Self {
         let registered = frames.iter().filter(|frame| frame.pose.is_some()).count();

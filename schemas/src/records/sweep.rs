@@ -100,17 +100,17 @@ impl Record for UnitOutcome {
     const SCHEMA: &'static str = "omnilife/unit-outcome/1";
 }
 
-/// A file that a unit depends on.
+/// A file that a unit depends on; a scene with the images, masks, points and other files that it names.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct UnitInput {
     /// Path as planned.
     pub file: String,
-    /// Size in bytes.
+    /// Size in bytes, of all of a scene.
     pub bytes: u64,
-    /// When it was changed last, nanoseconds since 1970 by its file system. While this and the size
-    /// stay, it is not hashed again.
+    /// When it was changed last, nanoseconds since 1970 by its file system; the sum over the files of a scene. While
+    /// this and the size stay, it is not hashed again.
     pub modified_nanoseconds: u64,
-    /// SHA-256 of its content.
+    /// SHA-256 of its content; of a scene that of the hashes of its files.
     pub sha256: String,
 }
 

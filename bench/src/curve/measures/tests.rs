@@ -25,6 +25,8 @@ fn run(points: &[(f64, f64)], memory: u64) -> TracedRun {
         region: Region::Whole,
         method: "m".to_owned(),
         scene: "s".to_owned(),
+        scene_sha256: String::new(),
+        novel_views: 1,
         protocol_hash: "h".to_owned(),
         seed: 0,
         preparation_seconds: None,
