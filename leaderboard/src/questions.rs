@@ -7,6 +7,7 @@ use std::{
 
 use omnilife_results::{Answer, Filter, Query, SceneFacts, Source, TABLES, Table, ask};
 use omnilife_schemas::{
+    frame_scores::FRAME_SCORES_FILE,
     records::{Dataset, ResultRecord},
     store,
 };
@@ -43,7 +44,9 @@ pub fn query(request: &QueryRequest) -> Result<Answer, LeaderboardError> {
         .collect::<Result<_, _>>()?;
     let results = RecordFiles::below(&request.results)?.results()?;
     let groups = group::groups(&results)?;
-    submission::check_means_of(&results)?;
+    if request.table.source_file() == FRAME_SCORES_FILE {
+        submission::check_means_of(&results)?;
+    }
     let facts = scene_facts(request.dataset.as_deref())?;
     let query = Query {
         table: request.table,

@@ -287,7 +287,7 @@ const OF_VIEWS: &[Column] = &[
     }),
     Column::count(
         "third",
-        "1 to 3: the third of the time from the first scored view to the last one; empty where all scored views have one time.",
+        "1 to 3: the third of the time from the first novel view to the last one, whatever views a method has beside them; empty where these have one time.",
         |row| view(row)?.third,
     ),
     Column::number(

@@ -77,7 +77,7 @@ fn table(
         .collect();
     mark_classes(&mut rows, &contestants, &columns);
     let published = published_rows(papers, &PUBLISHED, group.protocol, &columns, 1);
-    let mut notes = common_notes(group);
+    let mut notes = common_notes(group, "scene");
     notes.extend(published.notes);
     Table {
         title: format!(

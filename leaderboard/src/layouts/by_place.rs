@@ -222,7 +222,7 @@ fn table<'a>(
             with_average,
         );
     }
-    let mut notes = common_notes(group);
+    let mut notes = common_notes(group, "video");
     notes.push(
         "A column is the mean over the scenes cut from one video, the average that of the columns; a \
          method competes in a column where it has complete results of all of them."

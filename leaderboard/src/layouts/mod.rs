@@ -160,7 +160,7 @@ pub(crate) fn published_lpips(kind: ViewKind, with_kind: bool) -> Column {
 }
 
 /// Returns notes under every table of means: facts to know before any score, then the origin of the numbers.
-pub(crate) fn common_notes(group: &Group<'_>) -> Vec<String> {
+pub(crate) fn common_notes(group: &Group<'_>, of_equal_weight: &str) -> Vec<String> {
     let places: BTreeSet<&str> = group
         .scenes
         .iter()
@@ -168,7 +168,7 @@ pub(crate) fn common_notes(group: &Group<'_>) -> Vec<String> {
         .collect();
     let mut notes: Vec<String> = remarks_of(group).serious().cloned().collect();
     notes.push(format!(
-        "Protocol {} ({}), {} from {}, every scene with the same weight; seeds of one \
+        "Protocol {} ({}), {} from {}, every {of_equal_weight} with the same weight; seeds of one \
          scene are averaged first. Bold: best of at least two complete methods of a class; second \
          best of at least three: italic or underlined; after rounding.",
         group.protocol,

@@ -75,7 +75,7 @@ pub(super) fn table(
         .map(|method| (method.class, method.complete))
         .collect();
     mark_classes(&mut rows, &contestants, &columns);
-    let mut notes = common_notes(group);
+    let mut notes = common_notes(group, "scene");
     notes.extend(left_out(group));
     let published = published_rows(papers, &published, group.protocol, &columns, 1);
     notes.extend(published.notes);

@@ -190,7 +190,7 @@ fn table(
     mark_classes(&mut rows, &contestants, &headings);
     let published = published_layout(group.protocol);
     let published = published_rows(papers, &published, group.protocol, &headings, 1);
-    let mut notes = common_notes(group);
+    let mut notes = common_notes(group, "scene");
     notes.extend(variants_note(group));
     notes.extend(group.unavailable());
     notes.extend(published.notes);

@@ -18,7 +18,7 @@ use parquet::{
 
 use crate::{
     leaderboard::Place,
-    support::{result, write},
+    support::{result, summary, write},
 };
 
 fn ask(place: &Place, table_name: &str, by: &[&str], conditions: &[&str]) -> Answer {
@@ -143,7 +143,19 @@ fn means_equal_those_of_the_board() {
 #[test]
 fn views_are_asked_by_thirds_and_by_distance() {
     let place = Place::with(&[]);
-    let folder = write(&place.request.results, &result("park", "a", 20.0, 0.9));
+    let of_views = |novel: Option<(f64, u32)>, input: Option<(f64, u32)>| {
+        let scores = |of: Option<(f64, u32)>| {
+            let of = of.map(|(mean, views)| ("psnr".to_owned(), summary(mean, views)));
+            of.into_iter().collect()
+        };
+        ResultRecord {
+            novel_views: scores(novel),
+            input_views: scores(input),
+            ..result("park", "a", 20.0, 0.9)
+        }
+    };
+    let of_all = of_views(Some((68.0 / 3.0, 3)), Some((50.0, 2)));
+    let folder = write(&place.request.results, &of_all);
     let row = |frame: u32, view: &str, psnr: Option<f64>| FrameRow {
         view: view.to_owned(),
         frame,
@@ -164,7 +176,8 @@ fn views_are_asked_by_thirds_and_by_distance() {
     };
     scores.write(&folder.join("frames.csv")).unwrap();
     let thirds = ask(&place, "views", &["third"], &["view=novel"]);
-    assert_eq!(numbers(&thirds, "third"), [Some(1.0), Some(2.0)]);
+    // From the first novel view to the last one: input views, which not every method has, shift no bounds.
+    assert_eq!(numbers(&thirds, "third"), [Some(1.0), Some(3.0)]);
     assert_eq!(numbers(&thirds, "psnr"), [Some(25.0), Some(18.0)]);
     assert_eq!(thirds.notes, [""; 0]);
     let steps = ask(&place, "views", &["distance-to-given:0.5"], &["view=novel"]);
@@ -184,6 +197,10 @@ fn views_are_asked_by_thirds_and_by_distance() {
         ..scores
     };
     at_once.write(&folder.join("frames.csv")).unwrap();
+    // A table of other views than the means are of is refused.
+    let changed = question(&place, "views", &["third"], &["psnr"], &[]).unwrap_err();
+    assert!(changed.to_string().contains("is a mean of 3"), "{changed}");
+    write(&place.request.results, &of_views(Some((30.0, 1)), None));
     let thirds = ask(&place, "views", &["third"], &["view=novel"]);
     assert_eq!(numbers(&thirds, "third"), [None]);
     assert_eq!(thirds.notes.len(), 1);
@@ -427,4 +444,37 @@ fn columns_are_documented_and_have_one_name_each() {
         names.dedup();
         assert_eq!(names.len(), all, "{name}");
     }
+}
+
+/// Names of methods may hold commas.
+#[test]
+fn a_value_in_quotes_is_one() {
+    let place = Place::with(&[]);
+    for (method, psnr) in [("ours, v2", 20.0), ("ours", 30.0), ("v2", 40.0)] {
+        write(&place.request.results, &result("park", method, psnr, 0.9));
+    }
+    let asked = |condition: &str| {
+        let answer = ask(&place, "results", &["method"], &["view=novel", condition]);
+        texts(&answer, "method")
+    };
+    assert_eq!(asked("method=\"ours, v2\""), ["ours, v2"]);
+    assert_eq!(asked("method=ours, v2"), ["ours", "v2"]);
+    assert_eq!(asked("method!=\"ours, v2\",v2"), ["ours"]);
+}
+
+/// What a board warns of, an answer warns of too.
+#[test]
+fn answers_have_the_warnings_of_boards() {
+    let place = Place::with(&[]);
+    for (seed, iterations) in [(0, 20), (1, 40)] {
+        let seeded = ResultRecord {
+            seed: Some(seed),
+            iterations: Some(iterations),
+            ..result("park", "a", 20.0, 0.9)
+        };
+        write(&place.request.results, &seeded);
+    }
+    let answer = ask(&place, "results", &[], &["view=novel"]);
+    let warned = |line: &String| line.contains("park, a (20 and 40)");
+    assert!(answer.notes.iter().any(warned), "{:?}", answer.notes);
 }

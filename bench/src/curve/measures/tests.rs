@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::curve::{Clock, FinalScores, Region, TraceRow};
+use crate::curve::{Clock, FinalScores, Region, TraceRow, other_views};
 
 fn run(points: &[(f64, f64)], memory: u64) -> TracedRun {
     let row = |&(seconds, psnr_db): &(f64, f64)| TraceRow {
@@ -383,4 +383,32 @@ fn the_winner_does_not_depend_on_the_iterations_between_rows() {
         (of_zeros[0] > of_zeros[1], of_log_time[0] > of_log_time[1])
     });
     assert_eq!(leads, [(false, true), (true, true)]);
+}
+
+#[test]
+fn curves_of_other_views_are_not_compared() {
+    let first = TracedRun {
+        scene_sha256: "a".to_owned(),
+        novel_views: 12,
+        ..run(&[(1.0, 20.0)], 1)
+    };
+    assert_eq!(other_views(&first, &first), None);
+    // Results of older versions have no hash.
+    let older = TracedRun {
+        scene_sha256: String::new(),
+        ..first.clone()
+    };
+    assert_eq!(other_views(&first, &older), None);
+    for other in [
+        TracedRun {
+            scene_sha256: "b".to_owned(),
+            ..first.clone()
+        },
+        TracedRun {
+            novel_views: 1,
+            ..first.clone()
+        },
+    ] {
+        assert!(other_views(&first, &other).is_some());
+    }
 }
