@@ -70,6 +70,7 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
             job.warnings(),
             ignoring_views(outcomes),
             identical_views(outcomes),
+            identical_regions(job, outcomes),
         ]
         .concat(),
         versions: versions(job),
@@ -159,6 +160,9 @@ fn ignoring_views(outcomes: &[ViewOutcome]) -> Vec<String> {
     )]
 }
 
+/// Unit of metrics that are infinite for equal images.
+const DECIBELS: &str = "dB";
+
 /// Lists views with an infinite PSNR: equal images have no error. They count with the best value of the metric, which
 /// readers should know.
 fn identical_views(outcomes: &[ViewOutcome]) -> Vec<String> {
@@ -174,6 +178,29 @@ fn identical_views(outcomes: &[ViewOutcome]) -> Vec<String> {
          counts as 100 dB",
         outcomes.len()
     )]
+}
+
+/// Lists regions of views with an infinite PSNR, of views that are not the ground truth as a whole.
+fn identical_regions(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Vec<String> {
+    let computed = job.metrics.iter().filter(|one| one.unavailable.is_none());
+    let lines = computed.enumerate().filter_map(|(index, JobMetric { metric, .. })| {
+        let [_, best] = metric.range;
+        let is_best = |outcome: &&ViewOutcome| {
+            let scores = outcome.scores.as_ref();
+            let score = scores.ok().and_then(|scores| scores.get(index)?.ok());
+            !outcome.is_identical && score.is_some_and(|score| score >= best)
+        };
+        let count = outcomes.iter().filter(is_best).count();
+        (metric.unit == DECIBELS && count > 0).then(|| {
+            format!(
+                "{} of {count} of {} views is infinite, because what it compares is the ground truth, and counts \
+                 as {best} dB",
+                metric.id,
+                outcomes.len()
+            )
+        })
+    });
+    lines.collect()
 }
 
 /// Returns programs and networks used for scoring.

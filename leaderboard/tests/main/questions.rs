@@ -462,7 +462,7 @@ fn a_value_in_quotes_is_one() {
     assert_eq!(asked("method!=\"ours, v2\",v2"), ["ours"]);
 }
 
-/// What a board warns of, an answer warns of too.
+/// An answer has the warnings that a board has.
 #[test]
 fn answers_have_the_warnings_of_boards() {
     let place = Place::with(&[]);

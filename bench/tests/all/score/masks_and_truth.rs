@@ -207,3 +207,25 @@ fn ground_truth_that_shows_nothing_is_told() {
         assert_eq!(count(&lines, "frames 3, 9"), 1, "{lines:?}");
     }
 }
+
+/// A region can be the ground truth where the whole view is not.
+#[test]
+fn equal_regions_are_told() {
+    let bench = bench(false);
+    with_metrics(&bench, &["psnr", "psnr-dynamic", "psnr-static"]);
+    let file = bench.at("scene").join(FOLDER).join("moving.png");
+    first_columns(WIDTH / 2, 255).write_png(&file).unwrap();
+    let scene: Scene = store::read_record(&bench.request.scene).unwrap();
+    let truth = image::open(bench.at("scene").join(&scene.frames[4].image)).unwrap();
+    let prediction = bench.at("novel/000004.png");
+    let mut half = image::open(&prediction).unwrap().to_rgb8();
+    for (x, y, pixel) in truth.to_rgb8().enumerate_pixels() {
+        if x as usize >= WIDTH / 2 {
+            half.put_pixel(x, y, *pixel);
+        }
+    }
+    half.save(&prediction).unwrap();
+    let warnings = bench.score().unwrap().warnings;
+    assert_eq!(count(&warnings, "psnr-static of 1 of"), 1, "{warnings:?}");
+    assert_eq!(count(&warnings, "psnr-dynamic of"), 0, "{warnings:?}");
+}

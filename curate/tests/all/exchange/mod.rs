@@ -142,7 +142,7 @@ fn round_trip(format: &str, scene_folder: &Path, id: &str) -> (TempDir, Scene) {
     (export, scene)
 }
 
-/// What an export says that it wrote, and its table of times, are of the files.
+/// The summary of an export and its table of times are of its files.
 #[test]
 fn hm3d_has_numbered_images_and_no_points() {
     let (folder, _) = scene();
