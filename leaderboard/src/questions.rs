@@ -58,7 +58,7 @@ pub fn query(request: &QueryRequest) -> Result<Answer, LeaderboardError> {
     for group in &groups {
         answer.notes.extend(repeats::warnings(group));
         let remarks = layouts::remarks_of(group);
-        answer.notes.extend(remarks.serious().cloned());
+        answer.notes.extend(remarks.diagnoses);
     }
     Ok(answer)
 }

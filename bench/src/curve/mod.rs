@@ -34,7 +34,9 @@ fn other_views(first: &TracedRun, run: &TracedRun) -> Option<String> {
             run.scene
         ));
     }
-    (first.novel_views != run.novel_views).then(|| {
+    // Curves of older versions do not say how many.
+    let are_known = first.novel_views > 0 && run.novel_views > 0;
+    (are_known && first.novel_views != run.novel_views).then(|| {
         format!(
             "has scores of {} novel views along its training, {folder} of {}: the curves must be of the same views \
              (--trace-views of training)",

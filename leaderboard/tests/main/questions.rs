@@ -199,7 +199,7 @@ fn views_are_asked_by_thirds_and_by_distance() {
     at_once.write(&folder.join("frames.csv")).unwrap();
     // A table of other views than the means are of is refused.
     let changed = question(&place, "views", &["third"], &["psnr"], &[]).unwrap_err();
-    assert!(changed.to_string().contains("is a mean of 3"), "{changed}");
+    assert!(changed.to_string().contains("is a mean of"), "{changed}");
     write(&place.request.results, &of_views(Some((30.0, 1)), None));
     let thirds = ask(&place, "views", &["third"], &["view=novel"]);
     assert_eq!(numbers(&thirds, "third"), [None]);
@@ -455,7 +455,9 @@ fn a_value_in_quotes_is_one() {
     }
     let asked = |condition: &str| {
         let answer = ask(&place, "results", &["method"], &["view=novel", condition]);
-        texts(&answer, "method")
+        let mut methods = texts(&answer, "method");
+        methods.sort();
+        methods
     };
     assert_eq!(asked("method=\"ours, v2\""), ["ours, v2"]);
     assert_eq!(asked("method=ours, v2"), ["ours", "v2"]);
