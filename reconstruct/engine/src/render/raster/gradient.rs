@@ -280,8 +280,6 @@ fn one_splat<S: Simd, W: Walk<S>>(
                 return;
             }
             let alpha = alpha(simd, block.log2_alpha);
-            // Divided before the numerator is known.
-            let through = f32x8::splat(simd, 1.0) / (-alpha.value + 1.0);
             let blend = blend(simd, alpha.value, transmittance);
             let g = upstream.by_colour(simd, block.at);
             let mut along = g[0] * colour[0];
@@ -300,7 +298,7 @@ fn one_splat<S: Simd, W: Walk<S>>(
             }
             let counts = blend.weights.simd_gt(0.0);
             let behind = upstream.go_on(simd, block.at, blend, along);
-            let by_alpha = transmittance * along - behind * through;
+            let by_alpha = transmittance * along - behind / (-alpha.value + 1.0);
             let by_log = counts.select(by_alpha * alpha.unclamped, zero);
             by_log_sum += by_log;
             shape.add(&mut shape_sums, &block.geometry, by_log);

@@ -160,13 +160,9 @@ impl<S: Simd> Walk<S> for Ellipse {
                 let in_table = row % TILE;
                 let x = columns - table.shift[in_table];
                 let row_log2 = f32x8::splat(simd, table.log2[in_table]);
-                let log2_alpha = (x * x).mul_add(per_square, row_log2);
-                if !log2_alpha.simd_gt(-7.9945).any_true() {
-                    continue;
-                }
                 visit(Block {
                     at: entry(row, half),
-                    log2_alpha,
+                    log2_alpha: (x * x).mul_add(per_square, row_log2),
                     geometry: EllipsePixels {
                         x,
                         y: table.y[in_table],
