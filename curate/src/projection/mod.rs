@@ -19,7 +19,6 @@ pub use samples::FrameSamples;
 
 use std::path::Path;
 
-use crate::sphere_layouts;
 use omnilife_schemas::{
     progress::Progress,
     records::{DetectedProjection, Evidence, Probe, SphereTurn, VideoProjection},
@@ -221,7 +220,7 @@ fn agree(stated: VideoProjection, pixels: VideoProjection) -> bool {
 }
 
 /// Returns the projection in the container's spherical metadata, and its words.
-fn by_metadata(probe: &Probe) -> Option<(VideoProjection, String)> {
+pub(crate) fn by_metadata(probe: &Probe) -> Option<(VideoProjection, String)> {
     let metadata = probe.spherical.as_ref()?;
     let stereo = metadata.stereo.as_deref().unwrap_or("2D");
     if metadata.is_cropped {
@@ -241,16 +240,6 @@ fn by_metadata(probe: &Probe) -> Option<(VideoProjection, String)> {
         _ => return None,
     };
     Some((projection, format!("{}, {stereo}", metadata.projection)))
-}
-
-/// Returns the layout in the words of the metadata, if these state another one than a monoscopic equirectangular image of
-/// the whole sphere.
-pub(crate) fn stated_other(probe: &Probe) -> Option<String> {
-    if let Some(layout) = sphere_layouts::stated(probe) {
-        return Some(layout.to_string());
-    }
-    let (projection, words) = by_metadata(probe)?;
-    (!projection.is_monoscopic_erp()).then_some(words)
 }
 
 /// The evidence by test, for the rules of [`Readings::decide`].

@@ -33,7 +33,7 @@ pub use partition::{Shots, segments, shots};
 pub(crate) use stage::remove_slices;
 pub use stage::{SliceSettings, write_slices};
 
-use crate::{error::CurateError, projection};
+use crate::{error::CurateError, projection, sphere_layouts};
 
 /// One slice to be written.
 #[derive(Debug, Clone)]
@@ -134,7 +134,7 @@ pub fn slice_segment(
 ) -> Result<SliceFile, CurateError> {
     refuse_existing(out)?;
     let probe = probe(video)?;
-    if let Some(layout) = projection::stated_other(&probe) {
+    if let Some(layout) = sphere_layouts::stated_other(&probe) {
         let reason = format!(
             "must be a monoscopic equirectangular video, as its slice says of itself, and its metadata says {layout}"
         );

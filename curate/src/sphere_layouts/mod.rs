@@ -16,6 +16,8 @@ use omnilife_schemas::{
 };
 use omnilife_video::Rgb8Image;
 
+use crate::projection;
+
 pub(crate) use lens_estimate::estimated_dual_fisheye;
 
 use sampler::SphereSampler;
@@ -209,6 +211,16 @@ pub(crate) fn stated(probe: &Probe) -> Option<SphereLayout> {
     faces
         .filter(|_| !spherical.is_cropped)
         .or_else(|| stated_half(probe))
+}
+
+/// Returns the layout in the words of the metadata, if these state another one than a monoscopic equirectangular image of
+/// the whole sphere.
+pub(crate) fn stated_other(probe: &Probe) -> Option<String> {
+    if let Some(layout) = stated(probe) {
+        return Some(layout.to_string());
+    }
+    let (stated, words) = projection::by_metadata(probe)?;
+    (!stated.is_monoscopic_erp()).then_some(words)
 }
 
 fn stated_half(probe: &Probe) -> Option<SphereLayout> {
