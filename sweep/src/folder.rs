@@ -359,28 +359,29 @@ mod tests {
 
     /// Images are no part of the record of a scene.
     #[test]
-    fn a_scene_stands_for_its_files() {
-        let temp = tempfile::tempdir().unwrap();
+    fn a_scene_stands_for_its_files() -> Result<(), Box<dyn std::error::Error>> {
+        let temp = tempfile::tempdir()?;
         let scene_file = temp.path().join(SCENE_FILE);
         let frame = SceneFrame::new("frame.png".to_owned(), 0.0, None);
         let scene = Scene::given("walk", ErpCamera::new(64, 32), vec![frame]);
-        store::write_record(&scene_file, &scene).unwrap();
-        let read = || {
+        store::write_record(&scene_file, &scene)?;
+        let read = || -> Result<_, StoreError> {
             let files = InputFiles::of(&scene_file);
-            (files.size_and_time().unwrap(), files.sha256().unwrap())
+            Ok((files.size_and_time()?, files.sha256()?))
         };
-        let without = read();
+        let without = read()?;
         let image = temp.path().join("frame.png");
-        store::write_bytes(&image, b"one").unwrap();
-        let first = read();
+        store::write_bytes(&image, b"one")?;
+        let first = read()?;
         assert_ne!(without, first);
-        store::write_bytes(&image, b"two").unwrap();
-        let second = read();
+        store::write_bytes(&image, b"two")?;
+        let second = read()?;
         assert_ne!(first.0.1, second.0.1);
         assert_ne!(first.1, second.1);
-        assert_eq!(second, read());
+        assert_eq!(second, read()?);
         // Other files stand for themselves, also those that are no scene.
-        store::write_bytes(&scene_file, b"{}").unwrap();
-        assert_eq!(read().1, store::sha256_bytes(b"{}"));
+        store::write_bytes(&scene_file, b"{}")?;
+        assert_eq!(read()?.1, store::sha256_bytes(b"{}"));
+        Ok(())
     }
 }
