@@ -22,7 +22,7 @@ use omnilife_reconstruct::request::MethodRequest;
 use omnilife_schemas::{
     ErrorKind,
     lock::FolderLock,
-    plain_text::{counted, serialize_for_spreadsheet},
+    plain_text::{counted, first_of, serialize_for_spreadsheet},
     progress::Progress,
     records::{ResultRecord, SweepUnit},
     stage::StagePlan,
@@ -143,6 +143,11 @@ pub(crate) fn execute(
         Ok(units)
     })?;
     if units.iter().any(Unit::has_scores) {
+        let collected = omnilife_leaderboard::collect(&results)?;
+        let found = collected.iter().map(|(_, result)| result);
+        if let Some(line) = of_other_requests(found, &units, &results) {
+            progress.note(&line);
+        }
         let leaderboard = build_leaderboard(&LeaderboardRequest {
             results,
             out: arguments.out.join("leaderboard"),
@@ -162,6 +167,33 @@ pub(crate) fn execute(
         ))?;
     }
     as_result(&units)
+}
+
+/// Returns a line on results in the folder that this request did not ask for, which tables have too.
+fn of_other_requests<'a>(
+    found: impl Iterator<Item = &'a ResultRecord>,
+    units: &[Unit],
+    folder: &Path,
+) -> Option<String> {
+    let is_of = |unit: &Unit, result: &ResultRecord| {
+        let has_seed = result.seed.is_none() || unit.seed.is_none() || result.seed == unit.seed;
+        unit.scene == result.scene && unit.method == result.method && has_seed
+    };
+    let others = found.filter(|result| !units.iter().any(|unit| is_of(unit, result)));
+    let names: Vec<String> = others
+        .map(|result| match result.seed {
+            Some(seed) => format!("{}, {}, seed {seed}", result.scene, result.method),
+            None => format!("{}, {}", result.scene, result.method),
+        })
+        .collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{}: {} of other requests are in the tables too: {}",
+            folder.display(),
+            counted(names.len(), "result"),
+            first_of(&names)
+        )
+    })
 }
 
 /// Returns the methods, all of which must support the request before the first of them runs.
@@ -315,5 +347,39 @@ mod tests {
                 "hall: no weights (2 runs of c)",
             ]
         );
+    }
+
+    #[test]
+    fn results_of_other_scenes_methods_and_seeds_are_named() {
+        let unit = |method: &str, seed: Option<u64>| Unit {
+            id: String::new(),
+            scene: "park".to_owned(),
+            protocol: "per-scene".to_owned(),
+            method: method.to_owned(),
+            seed,
+            outcome: "scored",
+            reason: String::new(),
+            blame: None,
+        };
+        let of = |scene: &str, method: &str, seed: u64| ResultRecord {
+            seed: Some(seed),
+            ..ResultRecord::new(method, scene)
+        };
+        let units = [unit("odgs", Some(0)), unit("cross-fade", None)];
+        let own = of("park", "odgs", 0);
+        let line = |other: ResultRecord| {
+            let found = [own.clone(), other];
+            of_other_requests(found.iter(), &units, Path::new("scenes"))
+        };
+        assert_eq!(line(of("park", "cross-fade", 7)), None);
+        let others = [
+            of("hall", "odgs", 0),
+            of("park", "panogs", 0),
+            of("park", "odgs", 1),
+        ];
+        for other in others {
+            let told = line(other).unwrap_or_default();
+            assert!(told.contains("1 result of other requests"), "{told}");
+        }
     }
 }
