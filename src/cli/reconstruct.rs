@@ -1,6 +1,5 @@
 //! `omnilife reconstruct`.
 
-use crate::exit::BadRequest;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
@@ -18,6 +17,7 @@ use omnilife_reconstruct::{
 use super::{
     camera_words::CameraWordArguments, edit::EditArguments, memory::gibibytes, numbers, places,
 };
+use crate::exit::BadRequest;
 
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Method")]

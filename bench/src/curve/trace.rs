@@ -263,7 +263,7 @@ fn training_cpu_seconds(stages: &[StageTime]) -> Option<f64> {
 ///
 /// # Errors
 /// When the result is not complete, or the curve is malformed, goes back in time, or lacks the requested time in some of
-/// its rows. Also when there are none, and the result has no score of novel views in the region.
+/// its rows. Also without rows, if the result lacks a score of novel views in the region.
 pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, BenchError> {
     if path.join(RUN_FILE).is_file() {
         return Err(BenchError::mismatch(
@@ -335,7 +335,7 @@ struct ScoredRows {
     novel_views: usize,
 }
 
-/// Reads the rows of a curve. There are none if the curve has no time of the clock.
+/// Reads the rows of a curve; a curve without times of the clock has no such row.
 fn scored_rows(curve: &Path, clock: Clock, region: Region) -> Result<ScoredRows, BenchError> {
     let mut rows = Vec::new();
     let (mut evaluation_seconds, mut novel_views) = (0.0, 0);

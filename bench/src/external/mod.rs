@@ -82,7 +82,7 @@ pub fn run_external(
         .with_file(&request.split)?
         .with_hash("frames of the split", identity.sha256);
     let plan = with_scene_files(plan, &request.scene, &scene)?;
-    let plan = with_own_files(plan, &request.manifest)?;
+    let plan = with_own_files(plan, &manifest, |word| places.fill(word))?;
     let label = format!("{} on {}", manifest.id, scene.id);
     let skipped = format!("{label}: skipped, nothing has changed");
     for folder in [WORK_FOLDER, LOG_FOLDER, PREDICTIONS_FOLDER] {
@@ -161,23 +161,39 @@ fn with_scene_files(
 }
 
 /// Adds the method's own scripts.
-fn with_own_files(mut plan: StagePlan, manifest: &Path) -> Result<StagePlan, BenchError> {
-    for path in own_files(manifest)? {
+fn with_own_files(
+    mut plan: StagePlan,
+    manifest: &Manifest,
+    fill: impl Fn(&str) -> String,
+) -> Result<StagePlan, BenchError> {
+    for path in files_of_folder(manifest, fill) {
         plan = plan.with_file(&path)?;
     }
     Ok(plan)
 }
 
-/// Returns the files beside a manifest that its commands name: the method's own scripts.
+/// Returns the files beside a manifest that its commands name: the method's own scripts, but for names with other
+/// placeholders.
 ///
 /// # Errors
 /// When the manifest cannot be read.
 pub fn own_files(manifest: &Path) -> Result<Vec<PathBuf>, BenchError> {
-    let folder = manifest.parent().unwrap_or(Path::new(""));
-    let read = Manifest::read(manifest)?;
-    let words = read.phases().flat_map(|(_, command)| command.iter());
-    let paths = words.filter_map(|word| Some(folder.join(word.split_once("{folder}/")?.1)));
-    Ok(paths.filter(|path| path.is_file()).collect())
+    let folder = manifest.parent().filter(|folder| *folder != Path::new(""));
+    let folder = folder.unwrap_or(Path::new("."));
+    let fill = |word: &str| word.replace(OWN_FOLDER, &folder.to_string_lossy());
+    Ok(files_of_folder(&Manifest::read(manifest)?, fill))
+}
+
+/// Placeholder of the folder of a manifest.
+const OWN_FOLDER: &str = "{folder}";
+
+/// Returns the files that commands name below the folder of their manifest, also within a word such as
+/// `--config={folder}/a.toml`.
+fn files_of_folder(manifest: &Manifest, fill: impl Fn(&str) -> String) -> Vec<PathBuf> {
+    let words = manifest.phases().flat_map(|(_, command)| command.iter());
+    let named =
+        words.filter_map(|word| Some(PathBuf::from(fill(word.get(word.find(OWN_FOLDER)?..)?))));
+    named.filter(|path| path.is_file()).collect()
 }
 
 /// Runs the commands one after another until one fails; returns the reason.

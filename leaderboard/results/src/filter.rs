@@ -61,8 +61,8 @@ fn fields(list: &str) -> Vec<String> {
 }
 
 impl Filter {
-    /// Reads `COLUMN=VALUE`, `COLUMN!=VALUE` (both with several values between commas; `"a, b"` is one value), or `COLUMN<VALUE`
-    /// with `<`, `<=`, `>` or `>=` of a column of numbers.
+    /// Reads `COLUMN=VALUE`, `COLUMN!=VALUE` (both with several values between commas; `"a, b"` is one value), or
+    /// `COLUMN<VALUE` with `<`, `<=`, `>` or `>=` of a column of numbers.
     ///
     /// # Errors
     /// [`ResultsError::Question`] with the required form.
