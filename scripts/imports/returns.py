@@ -113,13 +113,12 @@ def compare(scene, folder, format_):
     expect(len(poses) == len(record["frames"]), "other frames")
     tolerance = 1e-5 if format_ == "hm3d" else 1e-6
     for number, frame in enumerate(record["frames"]):
-        own = frame["image"].removeprefix("frames/")
-        name = f"{number:05d}.png" if format_ == "hm3d" else own
+        name = f"{number:05d}.png" if format_ == "hm3d" else frame["image"].removeprefix("frames/")
         expect(name in poses, f"no pose of {name}")
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = rotation(frame["pose"]["rotation_wxyz"]), frame["pose"]["centre"]
         expect(np.abs(poses[name] - matrix).max() < tolerance, f"{name} at another pose")
-        expect(seconds[own] == frame["time_seconds"], f"{name} at another time")
+        expect(seconds[name] == frame["time_seconds"], f"{name} at another time")
         mask = read_png(scene / frame["mask"])[..., 0] > 127 if frame["mask"] else None
         found = masks[name]
         same = (found is None or not found.any()) if mask is None else found is not None and (found == mask).all()
