@@ -358,12 +358,7 @@ impl ScoringJob {
                 self.scene.frames.len()
             ));
         }
-        if !self.split.incomplete.is_empty() {
-            warnings.push(format!(
-                "{} incomplete groups of frames are left out",
-                self.split.incomplete.len()
-            ));
-        }
+        warnings.extend(self.split.notes(&self.scene));
         if self.regions.is_some() && self.needs(Need::DynamicMask) {
             warnings.push(
                 "static and dynamic regions are by the boxes that tracking found, not by masks of the scene"

@@ -56,7 +56,7 @@ pub use paired::{Difference, PairedComparison, StoredResult, WinsAndLosses, comp
 pub use prediction::scored_bytes;
 pub use protocols::{PROTOCOLS, ProtocolEntry};
 pub use scoring::score;
-pub use split::{frames_without_content, split, split_scene, split_scene_under};
+pub use split::{notes_on_split, split, split_scene, split_scene_under};
 pub use stability_report::{stability_failures, stability_page, write_stability};
 pub use statement::Statement;
-pub use validate::{Finding, ValidationReport, validate};
+pub use validate::{Finding, ValidationReport, unusable_views, validate};

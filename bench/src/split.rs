@@ -77,12 +77,12 @@ pub fn split_scene_under(
     Ok(split)
 }
 
-/// Examines the images of a split's frames. Returns a line on those of a single colour, which show nothing, and one on
-/// those that are unusable for training or scoring.
+/// Returns the lines of [`Split::notes`]. Examines the images of the frames too, for a line on those of a single
+/// colour, which show nothing, and one on those that are unusable for training or scoring.
 ///
 /// # Errors
 /// When the `scene.json` cannot be read.
-pub fn frames_without_content(scene: &Path, split: &Split) -> Result<Vec<String>, BenchError> {
+pub fn notes_on_split(scene: &Path, split: &Split) -> Result<Vec<String>, BenchError> {
     let record: Scene = store::read_record(scene)?;
     let frames = [split.input_views.as_slice(), &split.novel_views].concat();
     let seen: Vec<(u32, Result<bool, StoreError>)> = frames
@@ -98,7 +98,7 @@ pub fn frames_without_content(scene: &Path, split: &Split) -> Result<Vec<String>
         .iter()
         .filter_map(|(_, seen)| seen.as_ref().err())
         .collect();
-    let mut lines = Vec::new();
+    let mut lines = split.notes(&record);
     lines.extend(without_content(single.map(|(frame, _)| *frame)));
     lines.extend(unusable.first().map(|first| {
         format!(

@@ -54,6 +54,43 @@ pub fn validate(
     predictions: &Predictions,
     progress: &dyn Progress,
 ) -> Result<ValidationReport, BenchError> {
+    let job = job(scene, split, predictions)?;
+    let views = job.views();
+    let label = format!("checking predictions of {}", job.scene.id);
+    let checked = of_views(&job, &label, progress, Checked::of)?;
+    let single_colour = checked.iter().filter(|one| one.is_truth_single_colour);
+    let empty = without_content(single_colour.map(|one| one.view.frame));
+    for line in truth::mask_notes(&job, &views)?.into_iter().chain(empty) {
+        progress.note(&format!("{}: {line}", job.scene.id));
+    }
+    let diagnosis = diagnosis::of_job(&job, DEFAULT_MEMORY_BYTES)?;
+    Ok(ValidationReport {
+        views: views.len(),
+        findings: findings(&job, &diagnosis, &checked),
+        notes: diagnosis.notes().map(ToString::to_string).collect(),
+    })
+}
+
+/// Returns views that the run of a method lacks, or that scoring cannot read, without their pixels being judged.
+///
+/// # Errors
+/// Those of [`validate`].
+pub fn unusable_views(
+    scene: &Path,
+    split: &Path,
+    run: &Path,
+    progress: &dyn Progress,
+) -> Result<Vec<Finding>, BenchError> {
+    let job = job(scene, split, &Predictions::Run(run.to_owned()))?;
+    let label = format!("reading predictions of {}", job.scene.id);
+    let unusable = of_views(&job, &label, progress, |loaded| {
+        let reason = loaded.pair.as_ref().err()?;
+        Some(finding(loaded.view, reason.clone()))
+    })?;
+    Ok(unusable.into_iter().flatten().collect())
+}
+
+fn job(scene: &Path, split: &Path, predictions: &Predictions) -> Result<ScoringJob, BenchError> {
     let request = match predictions {
         Predictions::Run(run) => ScoreRequest::of_run(scene, split, run, Path::new(""))?,
         Predictions::Folders { .. } => ScoreRequest {
@@ -67,33 +104,28 @@ pub fn validate(
             metrics: MetricChoice::All,
         },
     };
-    let job = ScoringJob::prepare(&request)?;
+    ScoringJob::prepare(&request)
+}
+
+/// Reads all views and returns what `of` makes of each, in their order.
+fn of_views<T: Send>(
+    job: &ScoringJob,
+    label: &str,
+    progress: &dyn Progress,
+    of: impl Fn(&LoadedView) -> T + Sync,
+) -> Result<Vec<T>, BenchError> {
     let views = job.views();
-    progress.begin(
-        &format!("checking predictions of {}", job.scene.id),
-        Some(views.len() as u64),
-    );
-    let checked: Vec<Result<Checked, BenchError>> = views
+    progress.begin(label, Some(views.len() as u64));
+    let made: Result<Vec<T>, BenchError> = views
         .par_iter()
         .map(|&view| {
-            let checked = LoadedView::read(&job, view).map(|loaded| Checked::of(&loaded));
+            let made = LoadedView::read(job, view).map(|loaded| of(&loaded));
             progress.advance(1);
-            checked
+            made
         })
         .collect();
     progress.end();
-    let checked = checked.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let single_colour = checked.iter().filter(|one| one.is_truth_single_colour);
-    let empty = without_content(single_colour.map(|one| one.view.frame));
-    for line in truth::mask_notes(&job, &views)?.into_iter().chain(empty) {
-        progress.note(&format!("{}: {line}", job.scene.id));
-    }
-    let diagnosis = diagnosis::of_job(&job, request.memory_bytes)?;
-    Ok(ValidationReport {
-        views: views.len(),
-        findings: findings(&job, &diagnosis, &checked),
-        notes: diagnosis.notes().map(ToString::to_string).collect(),
-    })
+    made
 }
 
 /// Returns all faults, in the order of [`ValidationReport::findings`].

@@ -224,6 +224,11 @@ impl<'a> ImageFile<'a> {
         matches!(self.decoder.color_type(), L16 | La16 | Rgb16 | Rgba16)
     }
 
+    /// Returns true where its values are grey.
+    pub fn is_grey(&self) -> bool {
+        !self.decoder.color_type().has_color()
+    }
+
     /// Refuses a JPEG file that ends within its image, which its decoder would fill with grey.
     fn refuse_cut_off(&self) -> Result<(), StoreError> {
         if self.format != FileFormat::Jpeg {

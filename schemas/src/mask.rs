@@ -115,6 +115,21 @@ impl Mask {
         self.data.iter().any(|&value| value != 0)
     }
 
+    /// Returns true where the unmarked pixels are those of an upright rectangle.
+    pub fn leaves_rectangle(&self) -> bool {
+        let (mut columns, mut rows) = ((usize::MAX, 0), (usize::MAX, 0));
+        let mut left = 0_usize;
+        for (row, pixels) in self.data.chunks(self.width.max(1)).enumerate() {
+            for (column, _) in pixels.iter().enumerate().filter(|&(_, &value)| value == 0) {
+                columns = (columns.0.min(column), columns.1.max(column + 1));
+                rows = (rows.0.min(row), rows.1.max(row + 1));
+                left += 1;
+            }
+        }
+        let [width, height] = [columns, rows].map(|(first, end)| end.saturating_sub(first));
+        left > 0 && left == width.saturating_mul(height)
+    }
+
     /// Returns whether every pixel is marked.
     pub fn is_full(&self) -> bool {
         self.data.iter().all(|&value| value != 0)

@@ -2,7 +2,7 @@
 //! masks of the ignored region that mark nothing.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -27,6 +27,10 @@ pub struct MaskSurvey {
     assumed: BTreeMap<MaskEncoding, Vec<PathBuf>>,
     /// Files of another shape than their frames, with width and height, pixels.
     stretched: Vec<(PathBuf, [usize; 2])>,
+    /// Files that leave a rectangle of a pinhole's image: a smaller image in the frame of a wider camera.
+    framed: BTreeSet<PathBuf>,
+    /// Number of frames whose ignore mask does.
+    framed_frames: usize,
     /// Share that each frame's ignore mask marks.
     ignored_shares: Vec<f64>,
     /// Share that each frame's mask marks as moving.
@@ -55,6 +59,9 @@ impl MaskSurvey {
         }
         let DecodedMask { mask, encoding } = mask_file::decode(image, greys)?;
         let share = mask.marked_share(camera);
+        if matches!(camera, Camera::Pinhole(_)) && mask.leaves_rectangle() {
+            self.framed.insert(file.to_owned());
+        }
         self.shares.insert(file.to_owned(), share);
         if encoding.assumption().is_some() {
             let files = self.assumed.entry(encoding).or_default();
@@ -70,6 +77,9 @@ impl MaskSurvey {
     pub fn add_ignored(&mut self, file: &Path, camera: &Camera) -> Result<(), StoreError> {
         let share = self.add(file, camera, MarkedGreys::AboveHalf)?;
         self.add_ignored_share(share);
+        if self.framed.contains(file) {
+            self.framed_frames = self.framed_frames.saturating_add(1);
+        }
         Ok(())
     }
 
@@ -114,9 +124,11 @@ impl MaskSurvey {
                 "{empty} of {frames} masks of ignored regions mark nothing"
             ));
         }
-        if let Some(share) = median(&self.ignored_shares).filter(|&share| share > INVERTED_SHARE) {
+        let is_framed = 2 * self.framed_frames > frames;
+        let share = median(&self.ignored_shares).filter(|&share| share > INVERTED_SHARE);
+        if let Some(share) = share.filter(|_| !is_framed) {
             notes.push(format!(
-                "ignored regions are {:.0} % of the sphere (median of {frames} frames): is its mask \
+                "ignored regions are {:.0} % of what the camera sees (median of {frames} frames): is its mask \
                  inverted? It is white where nothing is to be learned or scored",
                 100.0 * share
             ));

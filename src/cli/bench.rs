@@ -146,6 +146,10 @@ pub(crate) enum BenchCommand {
         /// Direction of the matrices of a .npy file, with camera axes x right, y down, z forward.
         #[arg(long, value_enum, value_name = "CONVENTION", requires = "true_poses")]
         poses_convention: Option<PosesConventionArgument>,
+        /// Scores boxes and paths of this class alone, such as vehicle or human. Without it all are matched,
+        /// whatever their class.
+        #[arg(long)]
+        class: Option<String>,
     },
     /// Scores camera poses against those of a scene or against true ones: ATE, RPE, AUC, drift.
     Poses {

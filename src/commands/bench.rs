@@ -4,10 +4,11 @@ use std::{collections::BTreeSet, path::PathBuf};
 
 use omnilife_bench::{
     ADAPTERS, BenchError, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest,
-    METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, Statement, curves, curves_table,
-    diagnose, frames_without_content, protocols, record_failure, run_external, score,
+    Finding, METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, Statement, curves,
+    curves_table, diagnose, notes_on_split, protocols, record_failure, run_external, score,
     split_scene_under,
     tracking::{compare_tracks, world::TruePoses},
+    unusable_views,
     video_consistency::video_consistency,
     write_adapter,
 };
@@ -50,7 +51,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             }
             let split = split_scene_under(scene, &protocol, out)?;
             note_far_frames(scene, progress)?;
-            for line in frames_without_content(scene, &split)? {
+            for line in notes_on_split(scene, &split)? {
                 progress.note(&format!("{}: {line}", split.scene));
             }
             exit::print(&format!(
@@ -81,10 +82,19 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                 progress,
             )?;
             exit::print(&external_summary(&run))?;
-            match &run.failure {
+            (run.warnings.iter()).for_each(|warning| progress.note(warning));
+            let label = format!("{} on {}", run.method, run.scene);
+            let failure = match run.failure {
+                Some(failure) => Some(format!("the run failed: {failure}")),
+                None => {
+                    let record = out.join(EXTERNAL_RUN_FILE);
+                    unusable(&unusable_views(scene, split, &record, progress)?, progress)
+                }
+            };
+            match failure {
                 None => Ok(()),
                 Some(failure) => Err(PartialFailure {
-                    message: format!("{} on {}: the run failed: {failure}", run.method, run.scene),
+                    message: format!("{label}: {failure}"),
                     blame: ErrorKind::User,
                 }
                 .into()),
@@ -96,6 +106,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             scene,
             true_poses,
             poses_convention,
+            class,
         } => {
             let scene = store::read_record(scene)?;
             let convention = poses_convention.map(Into::into);
@@ -105,7 +116,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             let given = given
                 .as_ref()
                 .map(|(name, poses)| TruePoses { name, poses });
-            let report = compare_tracks(tracks, truth, &scene, given.as_ref())?;
+            let report = compare_tracks(tracks, truth, &scene, given.as_ref(), class.as_deref())?;
             let notes = [&report.rescaled, &report.paths_left_out];
             let notes = notes.into_iter().flatten().chain(&report.notes);
             notes.for_each(|note| progress.note(note));
@@ -329,6 +340,17 @@ fn diagnosis_text(diagnosis: &Diagnosis) -> String {
         text += "no mistake of convention was found\n";
     }
     text
+}
+
+/// Notes views that cannot be scored, and returns a line on them; `None` without any.
+fn unusable(views: &[Finding], progress: &dyn Progress) -> Option<String> {
+    let view_of = |one: &Finding| {
+        let kind = one.view.as_deref().unwrap_or("run");
+        format!("{kind} view: {}", one.reason)
+    };
+    views.iter().for_each(|one| progress.note(&view_of(one)));
+    let count = counted(views.len(), "view");
+    (!views.is_empty()).then(|| format!("{count} cannot be scored"))
 }
 
 fn external_summary(run: &ExternalRun) -> String {

@@ -88,6 +88,20 @@ impl Distances {
     }
 }
 
+/// Returns the share of the pixels with a true distance that have no predicted one, which metrics take for 0; `None`
+/// where no pixel has a true one.
+pub(super) fn missing_share(pair: &ViewPair, depth: &DepthPair) -> Option<f64> {
+    let (mut missing, mut all) = (0_usize, 0_usize);
+    let both = depth.prediction.iter().zip(&depth.truth).enumerate();
+    for (_, (&predicted, _)) in
+        both.filter(|&(pixel, (_, &truth))| truth > 0.0 && pair.counts(pixel))
+    {
+        missing += usize::from(!(predicted > 0.0 && predicted.is_finite()));
+        all += 1;
+    }
+    (all > 0).then(|| missing as f64 / all as f64)
+}
+
 /// Returns the mistake of all views; `None` where one of them has no distances.
 pub(super) fn mistake(views: &[ViewFacts]) -> Option<DistanceMistake> {
     let known: Option<Vec<Distances>> = views.iter().map(|view| view.distances).collect();
@@ -158,6 +172,23 @@ mod tests {
         // Of another scale in every view, as a network normalizes them.
         let inverse = found(|view, pixel, distance| (1 + view) as f32 * noisy(pixel) / distance);
         assert_eq!(inverse, Some(DistanceMistake::Inverse));
+    }
+
+    /// NaN, 0, negative and infinite ones, where there is a true one and the pixel counts.
+    #[test]
+    fn missing_distances_are_counted() -> Result<(), &'static str> {
+        let image = vec![7; 3 * 8];
+        let pair = ViewPair::new(4, 2, image.clone(), image).ok_or("a pair")?;
+        let depth = |prediction: [f32; 8], truth: [f32; 8]| DepthPair {
+            prediction: prediction.to_vec(),
+            truth: truth.to_vec(),
+        };
+        let found = [f32::NAN, 0.0, -1.0, f32::INFINITY, 2.0, 2.0, 2.0, 2.0];
+        assert_eq!(missing_share(&pair, &depth(found, [2.0; 8])), Some(0.5));
+        let truth = [0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.0];
+        assert_eq!(missing_share(&pair, &depth(found, truth)), Some(0.25));
+        assert_eq!(missing_share(&pair, &depth(found, [0.0; 8])), None);
+        Ok(())
     }
 
     #[test]

@@ -28,7 +28,12 @@ pub enum DiagnosisKind {
     /// The values have another encoding or range.
     Encoded(Encoding),
     /// The files state other colours than sRGB, which nothing applies.
-    OtherColours,
+    OtherColours {
+        /// Number of such files.
+        files: usize,
+        /// Number of examined views.
+        views: usize,
+    },
     /// Values of arrays lie outside of [0, 1] and are cut.
     OutsideRange {
         /// Share of the values below -0.02 or above 1.02.
@@ -45,6 +50,11 @@ pub enum DiagnosisKind {
     DoubledPixels,
     /// Predicted distances have another unit, or are inverse ones.
     Distances(DistanceMistake),
+    /// Pixels with a true distance have no predicted one.
+    DistancesMissing {
+        /// Their share of the pixels with a true distance, the mean over views.
+        share: f64,
+    },
     /// All views have the same border of a single colour on opposite sides.
     Bordered(Border),
     /// All views are one image, byte for byte.
@@ -72,7 +82,9 @@ impl DiagnosisKind {
     pub fn is_mistake(self) -> bool {
         !matches!(
             self,
-            Self::CopiesOfGivenViews { .. } | Self::RepeatedFrames { .. }
+            Self::CopiesOfGivenViews { .. }
+                | Self::RepeatedFrames { .. }
+                | Self::DistancesMissing { .. }
         )
     }
 }
@@ -102,9 +114,10 @@ impl fmt::Display for DiagnosisKind {
                 order.name()
             ),
             Self::Encoded(encoding) => write!(f, "values are {encoding}"),
-            Self::OtherColours => f.write_str(
-                "files state other colours than sRGB, by a profile or a gamma, which nothing applies; \
-                 write sRGB values without a profile",
+            Self::OtherColours { files, views } => write!(
+                f,
+                "{files} of {views} files state other colours than sRGB, by a profile or a gamma, which nothing \
+                 applies; write sRGB values without a profile"
             ),
             Self::OutsideRange { share } => write!(
                 f,
@@ -123,6 +136,12 @@ impl fmt::Display for DiagnosisKind {
                  at the scored size or enlarge with interpolation",
             ),
             Self::Distances(mistake) => write!(f, "{mistake}"),
+            Self::DistancesMissing { share } => write!(
+                f,
+                "{:.2} % of the pixels with a true distance have no predicted one (0, negative, or not finite), and \
+                 count as wholly wrong",
+                100.0 * share
+            ),
             Self::Bordered(border) => write!(
                 f,
                 "a border of a single colour is around the views ({border}); render the whole image at the scored size, \

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::{
     border::Border,
     copies::{self, Truth, Truths},
-    distances::Distances,
+    distances::{Distances, missing_share},
     images::{Small, psnr_db, reduced},
     shifts,
 };
@@ -44,6 +44,8 @@ pub(super) struct ViewFacts {
     pub(super) states_other_colours: bool,
     /// Its predicted distances beside the true ones, where there are both.
     pub(super) distances: Option<Distances>,
+    /// Share of the pixels with a true distance that have no predicted one.
+    pub(super) distances_missing: Option<f64>,
     /// Share of the values of an array outside of [0, 1].
     pub(super) outside: Option<f64>,
     /// SHA-256 of the prediction's bytes.
@@ -63,6 +65,7 @@ impl ViewFacts {
             border: Border::of(pair),
             states_other_colours: false,
             distances: None,
+            distances_missing: None,
             outside: None,
             sha256: store::sha256_bytes(pair.as_predicted()),
         }
@@ -110,7 +113,10 @@ pub(super) fn look(
                     looked.outside = folder.outside_share(view.frame);
                     looked.states_other_colours = folder.states_other_colours(view.frame);
                 }
-                looked.distances = distances(job, view, &pair)?;
+                if let Some(depth) = distances(job, view)? {
+                    looked.distances = Distances::of(&pair, &depth);
+                    looked.distances_missing = missing_share(&pair, &depth);
+                }
                 Ok(Some(looked))
             })
             .collect();
@@ -120,15 +126,11 @@ pub(super) fn look(
     Ok(looked)
 }
 
-/// Compares predicted distances of a view with the true ones; `None` without both.
+/// Returns predicted distances of a view beside the true ones; `None` without both.
 ///
 /// # Errors
 /// When the true ones are unusable.
-fn distances(
-    job: &ScoringJob,
-    view: View,
-    pair: &ViewPair,
-) -> Result<Option<Distances>, BenchError> {
+fn distances(job: &ScoringJob, view: View) -> Result<Option<DepthPair>, BenchError> {
     let folder = job
         .folder(view.kind)
         .filter(|folder| job.needs(Need::Depth) && folder.has_depth());
@@ -141,7 +143,7 @@ fn distances(
         return Ok(None);
     };
     let truth = truth::read_depth(job, depth)?;
-    Ok(Distances::of(pair, &DepthPair { prediction, truth }))
+    Ok(Some(DepthPair { prediction, truth }))
 }
 
 /// Returns true if the columns of the scene's images wrap.

@@ -292,13 +292,19 @@ impl OfKind<'_> {
         if share >= look::TELLING_OUTSIDE {
             kinds.push(DiagnosisKind::OutsideRange { share });
         }
-        if !views.is_empty() && views.iter().all(|view| view.states_other_colours) {
-            kinds.push(DiagnosisKind::OtherColours);
+        let files = (views.iter().filter(|view| view.states_other_colours)).count();
+        if files > 0 {
+            let views = views.len();
+            kinds.push(DiagnosisKind::OtherColours { files, views });
         }
         if !views.is_empty() && views.iter().all(|view| view.is_doubled) {
             kinds.push(DiagnosisKind::DoubledPixels);
         }
         kinds.extend(distances::mistake(views).map(DiagnosisKind::Distances));
+        let missing = mean(views.iter().filter_map(|view| view.distances_missing));
+        if missing > 0.0 {
+            kinds.push(DiagnosisKind::DistancesMissing { share: missing });
+        }
         kinds.extend(border::common(views).map(DiagnosisKind::Bordered));
         if copied == 0 && copies::is_one_image(views) {
             kinds.push(DiagnosisKind::OneImage);

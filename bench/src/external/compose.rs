@@ -6,7 +6,9 @@
 
 use std::path::{Path, PathBuf};
 
-use omnilife_schemas::{RgbImage, camera::ErpCamera, interpolation::panorama_of_faces};
+use omnilife_schemas::{
+    RgbImage, camera::ErpCamera, image_file::ImageFile, interpolation::panorama_of_faces,
+};
 
 use super::manifest::Cell;
 
@@ -40,6 +42,14 @@ pub(super) fn view(
 }
 
 fn part(source: &Path, cell: Option<Cell>) -> Result<RgbImage, String> {
+    let file = ImageFile::open(source).map_err(|error| error.to_string())?;
+    // As of predictions that are read as they are.
+    if file.is_grey() || file.is_deep() {
+        let name = source.display();
+        return Err(format!(
+            "{name} has grey or 16-bit values, expected 8-bit RGB"
+        ));
+    }
     let image = RgbImage::read(source).map_err(|error| error.to_string())?;
     match cell {
         Some(cell) => cut(&image, cell).ok_or_else(|| {

@@ -13,12 +13,12 @@
 pub mod boxes;
 mod conventions;
 pub mod paths;
+mod selection;
 pub mod world;
 
 use std::{collections::BTreeSet, path::Path};
 
 use omnilife_schemas::{
-    plain_text::counted,
     records::{Detection, Scene, Tracks},
     store,
 };
@@ -49,55 +49,39 @@ pub struct TrackReport {
     pub alignment: Option<WorldAlignment>,
 }
 
-/// Scores tracks against the true ones of a file, in the frames of the tracks. Boxes without a track count only as
-/// detections. Paths are compared in the world of the truth: that of the scene where its poses were given, else by
+/// Scores tracks against the true ones of a file, in the frames that both looked at; those of a class, or all whatever
+/// their class. Boxes without a track count only as detections. Paths are compared in the world of the truth: that of the scene where its poses were given, else by
 /// `true_poses`. Without these they are left out, with the reason.
 ///
 /// # Errors
-/// When a file cannot be read or has unusable tracks, tracks are of another scene or of frames that it lacks, or true
-/// boxes are in images of another aspect ratio.
+/// When a file cannot be read or has unusable tracks, tracks are of another scene or of frames that it lacks, true boxes
+/// are in images of another aspect ratio, or truth and tracks have no frame or no box of the class.
 pub fn compare_tracks(
     tracks_file: &Path,
     truth_file: &Path,
     scene: &Scene,
     true_poses: Option<&TruePoses<'_>>,
+    class: Option<&str>,
 ) -> Result<TrackReport, BenchError> {
-    let found = read_tracks(tracks_file, scene)?;
+    let mut found = read_tracks(tracks_file, scene)?;
     let mut truth = read_tracks(truth_file, scene)?;
     refuse_other_frames(&found, scene)
         .map_err(|reason| BenchError::mismatch(tracks_file, reason))?;
     let rescaled = bring_to_size(&mut truth, found.image_size)
         .map_err(|reason| BenchError::mismatch(truth_file, reason))?;
-    let here = |tracks: &Tracks| -> Vec<Detection> {
-        let all = tracks.detections.iter();
-        all.filter(|one| found.frames.contains(&one.frame))
-            .cloned()
-            .collect()
-    };
-    let (true_boxes, found_boxes) = (here(&truth), here(&found));
-    let left_out = [
-        (
-            truth.detections.len() - true_boxes.len(),
-            "true boxes are in frames that the tracks did not look at",
-        ),
-        (
-            found.detections.len() - found_boxes.len(),
-            "boxes of the tracks are in frames that these did not look at",
-        ),
-    ];
-    let mut notes: Vec<String> = left_out
-        .into_iter()
-        .filter(|(boxes, _)| *boxes > 0)
-        .map(|(boxes, reason)| {
-            format!(
-                "{boxes} {reason}, and are not scored: `frames` lists {}",
-                counted(found.frames.len(), "frame")
-            )
-        })
-        .collect();
+    if let Some(class) = class {
+        for (file, tracks) in [(truth_file, &mut truth), (tracks_file, &mut found)] {
+            selection::keep_class(tracks, class)
+                .map_err(|reason| BenchError::mismatch(file, reason))?;
+        }
+    }
+    let mut notes = selection::keep_common(&mut truth, &mut found)
+        .map_err(|reason| BenchError::mismatch(truth_file, reason))?;
+    notes.extend(selection::classes_note(&truth, &found));
+    let (true_boxes, found_boxes) = (&truth.detections, &found.detections);
     notes.extend(conventions::note(
-        &true_boxes,
-        &found_boxes,
+        true_boxes,
+        found_boxes,
         &Sizes {
             image: found.image_size.map(f64::from),
             scene: [scene.camera.width(), scene.camera.height()].map(f64::from),
@@ -132,8 +116,8 @@ pub fn compare_tracks(
     Ok(TrackReport {
         rescaled,
         notes,
-        detections: boxes::score_detections(&true_boxes, &detected),
-        boxes: boxes::score_boxes(&of_tracks(&true_boxes), &of_tracks(&found_boxes)),
+        detections: boxes::score_detections(true_boxes, &detected),
+        boxes: boxes::score_boxes(&of_tracks(true_boxes), &of_tracks(found_boxes)),
         paths: world.and_then(|world| paths::score_paths(&truth, &found, scene, &world)),
         paths_left_out,
         alignment,
@@ -293,14 +277,14 @@ mod tests {
             let mut found = truth.clone();
             found.frames = frames.to_vec();
             store::write_record(&file, &found)?;
-            compare_tracks(&file, &truth_file, &scene(), None)
+            compare_tracks(&file, &truth_file, &scene(), None, None)
         };
         assert_eq!(compared(&[0, 1, 2])?.notes, Vec::<String>::new());
         let notes = compared(&[0])?.notes;
         assert_eq!(notes.len(), 2, "{notes:?}");
         for note in notes {
             assert!(
-                note.starts_with("2 ") && note.contains("lists 1 frame"),
+                note.starts_with("2 ") && note.contains("1 frame in common"),
                 "{note}"
             );
         }

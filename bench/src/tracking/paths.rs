@@ -46,11 +46,7 @@ pub fn score_paths(
     let metres = world.metres_per_unit;
     let (mut ground, mut headings, mut lengths, mut missing) =
         (Vec::new(), Vec::new(), Vec::new(), 0);
-    for sighting in truth
-        .detections
-        .iter()
-        .filter(|one| found.frames.contains(&one.frame))
-    {
+    for sighting in &truth.detections {
         let seconds = scene.frames.get(sighting.frame as usize)?.time_seconds;
         let object = truth
             .tracks

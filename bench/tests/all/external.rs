@@ -6,8 +6,9 @@ use std::{
 };
 
 use omnilife_bench::{
-    ExternalRequest, Predictions, ScoreRequest, external::manifest::Manifest, run_external, score,
-    validate,
+    ExternalRequest, Predictions, ScoreRequest,
+    external::{EXTERNAL_RUN_FILE, manifest::Manifest},
+    run_external, score, unusable_views, validate,
 };
 use omnilife_schemas::{
     Classified, ErrorKind,
@@ -116,6 +117,58 @@ fn a_method_is_run_measured_and_scored() {
     assert_eq!(result.novel_views, theirs.novel_views);
     assert!(result.input_views.is_empty() && result.failures.is_empty());
     assert_eq!(result.training_seconds, Some(run.phases[0].wall_seconds));
+}
+
+/// Views that are missing, of another size, grey, or of a format that is not read.
+#[test]
+fn views_that_cannot_be_scored_are_found_after_a_run() {
+    let stand = copying_stand();
+    let unusable = || {
+        stand.run();
+        let ExternalRequest {
+            scene, split, out, ..
+        } = &stand.request;
+        unusable_views(scene, split, &out.join(EXTERNAL_RUN_FILE), &Silent).unwrap()
+    };
+    assert_eq!(unusable(), []);
+    let novel = stand.bench.at("novel").display().to_string();
+    let whole = copier(&novel);
+    let first = format!("{:06}", stand.bench.split.novel_views[0]);
+    let jpeg = stand.bench.at("grey.jpg");
+    image::GrayImage::new(64, 32).save(&jpeg).unwrap();
+    let jpeg = jpeg.display();
+    for (change, expected) in [
+        (format!("rm v/view-{first}.png"), "is missing"),
+        (
+            format!("echo text > v/view-{first}.png"),
+            "is not a usable PNG",
+        ),
+        (
+            format!("for f in v/*.png; do cp {jpeg} ${{f%.png}}.jpg; done"),
+            "is missing",
+        ),
+    ] {
+        let ending = if change.contains(".jpg") {
+            "jpg"
+        } else {
+            "png"
+        };
+        let changed = whole
+            .replace("done\"", &format!("done; {change}\""))
+            .replace("{frame:06}.png", &format!("{{frame:06}}.{ending}"));
+        fs::write(&stand.request.manifest, changed).unwrap();
+        let found = unusable();
+        assert!(!found.is_empty(), "{change}");
+        assert_eq!(found[0].view.as_deref(), Some("novel"));
+        assert!(found[0].reason.contains(expected), "{found:?}");
+    }
+    // Grey values are refused whatever the format.
+    let warnings = stand.run().warnings;
+    assert!(
+        warnings.iter().all(|one| one.contains("grey")),
+        "{warnings:?}"
+    );
+    assert_eq!(warnings.len(), stand.bench.split.novel_views.len());
 }
 
 #[test]

@@ -2,9 +2,11 @@
 
 use std::fs;
 
+use glam::{DQuat, DVec3};
 use omnilife_bench::{BenchError, protocols, split, split_scene};
 use omnilife_schemas::{
-    Classified, ErrorKind,
+    Classified, ErrorKind, Pose,
+    camera::{Camera, PinholeCamera},
     records::{PublishedSplit, Scene, Split, SplitRule},
     split_rules, store,
 };
@@ -89,7 +91,8 @@ fn sparse() -> omnilife_schemas::records::Protocol {
 
 #[test]
 fn groups_of_ten_give_their_ends_and_predict_the_rest() {
-    let split = split(&scene(34, &[15]), &sparse()).unwrap();
+    let scene = scene(34, &[15]);
+    let split = split(&scene, &sparse()).unwrap();
     assert_eq!(split.groups.len(), 2);
     assert_eq!(split.groups[0].context, [0, 9]);
     assert_eq!(split.groups[1].context, [20, 29]);
@@ -113,6 +116,44 @@ fn groups_of_ten_give_their_ends_and_predict_the_rest() {
         incomplete,
         [(10, 10, "no pose for 15"), (30, 4, "4 of 10 frames")]
     );
+    // Of these 14 frames 13 have a pose.
+    let notes = split.notes(&scene);
+    assert_eq!(notes.len(), 1);
+    assert!(notes[0].contains("13 posed frames: 10 to 19"), "{notes:?}");
+}
+
+/// Cameras look 72 degrees apart: of five every fifth frame is one of them, of six it is not.
+#[test]
+fn a_camera_of_a_rig_that_is_never_given_is_reported() {
+    let notes = |cameras: u32, turn_degrees: f64| {
+        let mut rig = scene(60, &[]);
+        rig.camera = Camera::Pinhole(PinholeCamera {
+            width: 64,
+            height: 32,
+            fx: 32.0,
+            fy: 32.0,
+            cx: 32.0,
+            cy: 16.0,
+        });
+        for (number, frame) in (0_u32..).zip(&mut rig.frames) {
+            let turn = 72.0 * f64::from(number % cameras) + turn_degrees * f64::from(number);
+            frame.pose = Some(Pose::new(
+                DQuat::from_rotation_y(turn.to_radians()),
+                DVec3::ZERO,
+            ));
+        }
+        split(&rig, &per_scene()).unwrap().notes(&rig)
+    };
+    let found = notes(5, 0.0);
+    assert_eq!(found.len(), 1);
+    assert!(
+        found[0].starts_with("12 of 12 novel views look more than 27 degrees"),
+        "{found:?}"
+    );
+    assert!(notes(6, 0.0).is_empty());
+    assert!(notes(1, 3.0).is_empty());
+    // The car turns by 240 degrees, and other cameras look there then.
+    assert!(notes(5, 4.0).len() < 2);
 }
 
 #[test]

@@ -1,10 +1,11 @@
 //! `split`: the frames of one scene under one protocol.
 
+use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::protocol::Protocol;
-use crate::store::Record;
+use super::{Scene, protocol::Protocol};
+use crate::{camera::Camera, plain_text, store::Record};
 
 /// `split.json`. Frame numbers count the scene's frames from 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -65,6 +66,61 @@ impl Split {
             groups: Vec::new(),
             incomplete: Vec::new(),
         }
+    }
+
+    /// Returns lines on posed frames that are left out with their groups, and on novel views of a pinhole that look
+    /// away from every input view, as those of a camera do that is never given.
+    pub fn notes(&self, scene: &Scene) -> Vec<String> {
+        let notes = [self.groups_note(scene), self.directions_note(scene)];
+        notes.into_iter().flatten().collect()
+    }
+
+    fn groups_note(&self, scene: &Scene) -> Option<String> {
+        let groups: Vec<String> = (self.incomplete.iter())
+            .filter_map(|group| {
+                let (first, last) = (group.frames.first()?, group.frames.last()?);
+                Some(format!("{first} to {last} ({})", group.reason))
+            })
+            .collect();
+        let frames = self.incomplete.iter().flat_map(|group| &group.frames);
+        let posed = frames.filter(|&&frame| {
+            let frame = scene.frames.get(frame as usize);
+            frame.is_some_and(|frame| frame.pose.is_some())
+        });
+        (!groups.is_empty()).then(|| {
+            format!(
+                "incomplete groups of frames are left out, with {} posed frames: {}",
+                posed.count(),
+                plain_text::first_of(&groups)
+            )
+        })
+    }
+
+    fn directions_note(&self, scene: &Scene) -> Option<String> {
+        let Camera::Pinhole(camera) = &scene.camera else {
+            return None;
+        };
+        let tangents = [
+            f64::from(camera.width) / camera.fx,
+            f64::from(camera.height) / camera.fy,
+        ];
+        let limit = (0.5 * tangents[0].min(tangents[1])).atan();
+        let direction = |&frame: &u32| {
+            let pose = scene.frames.get(frame as usize)?.pose?;
+            Some(pose.rotation()? * DVec3::Z)
+        };
+        let given: Vec<DVec3> = self.input_views.iter().filter_map(direction).collect();
+        let is_far = |novel: &DVec3| !given.iter().any(|one| one.angle_between(*novel) <= limit);
+        let novel: Vec<DVec3> = self.novel_views.iter().filter_map(direction).collect();
+        let far = novel.iter().filter(|novel| is_far(novel)).count();
+        (far > 0 && !given.is_empty()).then(|| {
+            format!(
+                "{far} of {} novel views look more than {:.0} degrees (half of the field of view) away from every \
+                 input view; where a rig has as many cameras as the rule counts frames, one is never given",
+                novel.len(),
+                limit.to_degrees()
+            )
+        })
     }
 }
 

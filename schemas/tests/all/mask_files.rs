@@ -8,7 +8,7 @@ use std::{
 
 use image::{GrayImage, Luma};
 use omnilife_schemas::{
-    camera::{Camera, ErpCamera},
+    camera::{Camera, ErpCamera, PinholeCamera},
     image_file::ImageFile,
     mask_file::{self, DecodedMask, MarkedGreys, MaskEncoding},
     mask_survey::MaskSurvey,
@@ -328,4 +328,40 @@ fn oddities_are_told() {
     );
     assert_eq!(notes(0, 255, true), 1, "inverted");
     assert_eq!(notes(0, 0, true), 1, "marks nothing");
+}
+
+/// The image of a narrow camera in the frame of a wider one is a rectangle, and no inverted mask.
+#[test]
+fn frames_of_wider_cameras_do_not_look_inverted() {
+    let folder = Folder::new();
+    let pinhole = Camera::Pinhole(PinholeCamera {
+        width: 10,
+        height: 8,
+        fx: 5.0,
+        fy: 5.0,
+        cx: 5.0,
+        cy: 4.0,
+    });
+    let erp = Camera::Erp(ErpCamera::new(16, 8));
+    let notes = |camera: &Camera, is_left: fn(usize, usize) -> bool| {
+        let [width, height] = camera.size();
+        let pixels = (0..width * height).map(|at| {
+            if is_left(at % width, at / width) {
+                0
+            } else {
+                255
+            }
+        });
+        let path = folder.0.path().join("mask.png");
+        let greys = GrayImage::from_vec(width as u32, height as u32, pixels.collect()).unwrap();
+        greys.save(&path).unwrap();
+        let mut survey = MaskSurvey::default();
+        survey.add_ignored(&path, camera).unwrap();
+        survey.notes().len()
+    };
+    let rectangle = |x: usize, y: usize| (3..7).contains(&x) && (2..6).contains(&y);
+    assert_eq!(notes(&pinhole, rectangle), 0);
+    assert_eq!(notes(&pinhole, |x, y| x + y < 5), 1, "no rectangle");
+    assert_eq!(notes(&pinhole, |_, _| false), 1, "nothing is left");
+    assert_eq!(notes(&erp, |_, y| y > 6), 1, "the nadir alone is left");
 }

@@ -231,7 +231,7 @@ fn files_that_state_other_colours_are_told() {
     }
     let diagnosis = diagnose(&bench.request).unwrap();
     let kinds: Vec<DiagnosisKind> = diagnosis.findings.iter().map(|found| found.kind).collect();
-    assert_eq!(kinds, [DiagnosisKind::OtherColours]);
+    assert_eq!(kinds, [DiagnosisKind::OtherColours { files: 4, views: 4 }]);
     let result = bench.score().unwrap();
     assert!(result.warnings[0].contains("other colours than sRGB"));
     assert_eq!(result.novel_views["psnr"].mean, as_it_is);

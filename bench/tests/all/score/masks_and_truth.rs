@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use image::{Rgba, RgbaImage};
-use omnilife_bench::{frames_without_content, validate};
+use omnilife_bench::{notes_on_split, validate};
 
 use super::*;
 
@@ -187,14 +187,14 @@ fn transparent_ground_truth_is_refused() {
     hidden.put_pixel(7, 11, Rgba([0, 255, 0, 254]));
     hidden.save(&file).unwrap();
     assert!(bench.refusal().contains("000004.png"));
-    let lines = frames_without_content(&bench.request.scene, &bench.split).unwrap();
+    let lines = notes_on_split(&bench.request.scene, &bench.split).unwrap();
     assert_eq!(count(&lines, "000004.png"), 1);
 }
 
 #[test]
 fn ground_truth_that_shows_nothing_is_told() {
     let bench = Bench::new();
-    let of_split = || frames_without_content(&bench.request.scene, &bench.split).unwrap();
+    let of_split = || notes_on_split(&bench.request.scene, &bench.split).unwrap();
     assert_eq!(of_split(), [""; 0]);
     let frame = |number: u32| bench.at(&format!("scene/frames/{number:06}.png"));
     RgbImage::black(WIDTH, HEIGHT).write_png(&frame(3)).unwrap();

@@ -188,11 +188,10 @@ impl Layout<'_> {
         let (to_world, centre) = axes_of(image)?;
         let boxes = tracks.iter().filter_map(|track| {
             let of_track = objects::box_at(track, image.seconds)?;
-            let in_camera = of_track.in_camera(to_world, centre);
-            Some((
-                track.id.to_string(),
-                objects::projected(&in_camera, &common)?,
-            ))
+            // What the image shows, not what the wider camera of the scene would.
+            let of_image = objects::projected(&of_track.in_camera(to_world, centre), camera)?;
+            let shown = rig::moved_box(of_image, camera, &common)?;
+            Some((track.id.to_string(), shown))
         });
         let own = file_name(&image.file.to_string_lossy());
         let is_kept = *camera == common;

@@ -22,7 +22,7 @@ const NEAR_METRES: f64 = 0.1;
 /// Usual steps between labels from which on an object has a gap.
 const GAP_STEPS: f64 = 1.5;
 /// Smallest side of a box in an image, pixels.
-const LEAST_SIDE_PIXELS: f64 = 1.0;
+pub(super) const LEAST_SIDE_PIXELS: f64 = 1.0;
 /// Pairs of corners that an edge joins, by the numbers of [`OrientedBox::corners`].
 const EDGES: [[usize; 2]; 12] = [
     [0, 1],

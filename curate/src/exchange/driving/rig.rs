@@ -12,6 +12,8 @@ use omnilife_schemas::{
     rgb::Mask,
 };
 
+use super::objects;
+
 /// Returns the camera that shows every pixel of all cameras: their own where they are equal; `None` without cameras.
 pub(super) fn common_camera(cameras: &[PinholeCamera]) -> Option<PinholeCamera> {
     let first = *cameras.first()?;
@@ -47,6 +49,24 @@ pub(super) fn holds(camera: &PinholeCamera, pixel: glam::DVec2) -> bool {
     (0.0..width).contains(&pixel.x) && (0.0..height).contains(&pixel.y)
 }
 
+/// Returns left, top, width and height of a box in an image of the camera `own` as `common`, at the same place, shows
+/// it, pixels; `None` where that is less than a pixel.
+pub(super) fn moved_box(
+    [left, top, width, height]: [f64; 4],
+    own: &PinholeCamera,
+    common: &PinholeCamera,
+) -> Option<[f64; 4]> {
+    let [across, down] = [common.fx / own.fx, common.fy / own.fy];
+    let moved = [
+        across * (left - own.cx) + common.cx,
+        down * (top - own.cy) + common.cy,
+        across * width,
+        down * height,
+    ];
+    let is_shown = moved[2].min(moved[3]) >= objects::LEAST_SIDE_PIXELS;
+    is_shown.then_some(moved)
+}
+
 /// Returns an image of the camera `own` as `common`, at the same place, shows it, and a mask of the pixels that it does
 /// not show (255), which are black.
 pub(crate) fn resampled(
@@ -79,6 +99,9 @@ pub(crate) fn resampled(
 
 #[cfg(test)]
 mod tests {
+    use glam::{DMat3, DVec3, DVec4, dvec3, vec4};
+    use omnilife_schemas::oriented_box::OrientedBox;
+
     use super::*;
 
     const WIDE: PinholeCamera = PinholeCamera {
@@ -106,6 +129,28 @@ mod tests {
         let common = common_camera(&[NARROW, shifted]).map(|camera| camera.fx);
         // The side of 25 pixels has to fit into a half of 20.
         assert!(common.is_some_and(|focal| (focal - 16.0).abs() < 1e-12));
+    }
+
+    /// What the narrow camera does not show has no box in the wide one, though that would show it.
+    #[test]
+    fn boxes_end_where_their_image_ends() {
+        let cube = |x: f64| OrientedBox {
+            centre: dvec3(x, 0.0, 5.0),
+            axes: DMat3::IDENTITY,
+            half: DVec3::ONE,
+        };
+        let shown = |x: f64| {
+            let of_image = objects::projected(&cube(x), &NARROW)?;
+            moved_box(of_image, &NARROW, &WIDE)
+        };
+        let found = shown(0.0).map(|found| DVec4::from_array(found).as_vec4());
+        // Its near side is at 4, where a unit is 5 pixels of the wide camera.
+        assert_eq!(found, Some(vec4(15.0, 5.0, 10.0, 10.0)));
+        // Cut at the right side of the image: (40 - 22) / 40 of the focal length.
+        let found = shown(2.0).map(|[left, _, width, _]| left + width);
+        assert!(found.is_some_and(|right| (right - 29.0).abs() < 1e-9));
+        assert!(objects::projected(&cube(3.5), &WIDE).is_some());
+        assert_eq!(shown(3.5), None);
     }
 
     /// A ramp over x keeps its values along the rays; what the narrow camera does not show is marked.
