@@ -64,7 +64,7 @@ impl SphereImages {
     /// Creates a converter to images of at most this width.
     fn new(layout: SphereLayout, probe: &Probe, most_pixels: u32) -> Self {
         let size = probe.upright_size();
-        let width = most_pixels.min(sphere_layouts::erp_width(layout, size) & !1);
+        let width = most_pixels.min(layout.erp_width(size) & !1);
         let stored = sphere_layouts::stored_width(layout, width, size);
         Self {
             stored: Converter::new(Scaling::MaxWidth(stored)),

@@ -116,7 +116,6 @@ fn nearest(times: &[f64], instant: f64) -> f64 {
 
 /// Returns the size of sampled frames: `width` or the default, and half of that. A pinhole's height follows the video's
 /// aspect ratio, to the nearest pixel. The video's own width is that of its sphere, however `layout` stores it.
-/// stores it.
 ///
 /// # Errors
 /// [`CurateError::Input`] for an odd width, one below 16 pixels, or more than the video has.
@@ -128,7 +127,7 @@ pub fn frame_size(
     layout: Option<SphereLayout>,
 ) -> Result<(u32, u32), CurateError> {
     let stored = probe.upright_size();
-    let native = layout.map_or(stored.0, |layout| sphere_layouts::erp_width(layout, stored)) & !1;
+    let native = layout.map_or(stored.0, |layout| layout.erp_width(stored)) & !1;
     if let Some(layout) = layout
         && stored.1 < LEAST_STORED_ROWS
     {
@@ -286,13 +285,13 @@ pub fn extract(
 
 /// Describes the resampling of frames of the probed video to `size`, for the record.
 pub fn resampling(probe: &Probe, layout: Option<SphereLayout>, size: (u32, u32)) -> String {
+    let (columns, rows) = probe.upright_size();
     if let Some(layout) = layout {
-        let (columns, rows) = probe.upright_size();
         format!("area averaging on the sphere from {layout} of {columns}x{rows}")
-    } else if (probe.width, probe.height) == size {
+    } else if (columns, rows) == size {
         "none".to_owned()
     } else {
-        format!("area averaging from {}x{}", probe.width, probe.height)
+        format!("area averaging from {columns}x{rows}")
     }
 }
 

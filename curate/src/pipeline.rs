@@ -110,6 +110,7 @@ fn sequences_of(
     // Faults in the header and the time stamps need no decoding of gigabytes.
     let early = criteria::Candidate {
         probe: &probe,
+        layout: early_layout,
         projection: None,
         damaged_frames: None,
         overlays: None,
@@ -151,6 +152,7 @@ fn sequences_of(
     let size = frames::frame_size(video, &probe, settings.width, settings.accept, layout)?;
     let candidate = criteria::Candidate {
         probe: &analysis.probe,
+        layout,
         projection: Some(&projection),
         damaged_frames: Some(analysis.damaged_frames),
         overlays: analysis.overlays.as_ref(),

@@ -289,7 +289,7 @@ fn environment(sequences: &[AnnotatedSequence]) -> Option<String> {
 
 /// Returns the size of the source videos, or the smallest and the largest one.
 fn resolution(sequences: &[AnnotatedSequence]) -> Option<String> {
-    let sizes = || (sequences.iter()).map(|sequence| sequence.record.probe.upright_size());
+    let sizes = || (sequences.iter()).map(|sequence| sequence.record.source_size());
     let area = |&(width, height): &(u32, u32)| u64::from(width) * u64::from(height);
     let (least, most) = (sizes().min_by_key(area)?, sizes().max_by_key(area)?);
     let text = |(width, height): (u32, u32)| format!("{width}x{height}");

@@ -144,7 +144,7 @@ fn views_that_cannot_be_scored_are_found_after_a_run() {
             "is not a usable PNG",
         ),
         (
-            format!("for f in v/*.png; do cp {jpeg} ${{f%.png}}.jpg; done"),
+            format!("for f in v/*.png; do cp {jpeg} v/$(basename $f .png).jpg; done"),
             "is missing",
         ),
     ] {

@@ -24,6 +24,7 @@ use omnilife_schemas::{
     store,
 };
 
+pub(super) use self::dynamics::LEVELS as DYNAMICS_LEVELS;
 use self::{from_frames::FrameMotion, from_poses::PoseMotion};
 use crate::error::CurateError;
 

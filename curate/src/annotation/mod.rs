@@ -104,8 +104,14 @@ pub fn annotate_dataset(
         for row in labels_of(&ledger, sequence)? {
             apply(&mut annotation, &row, &taxonomy, &ledger)?;
         }
-        for (table, row) in rows.iter().filter(|(_, row)| row.sequence == sequence.id) {
+        let of_tables = rows.iter().filter(|(_, row)| row.sequence == sequence.id);
+        let of_tables: Vec<_> = of_tables.collect();
+        for (table, row) in &of_tables {
             apply(&mut annotation, row, &taxonomy, table)?;
+        }
+        let of_tables: Vec<&TagRow> = of_tables.iter().map(|(_, row)| row).collect();
+        for line in tags::contradictions(&of_tables) {
+            progress.note(&format!("{}: {line}", sequence.id));
         }
         if let Some(command) = &settings.command {
             let row = command.run(at, sequence, &taxonomy, progress)?;

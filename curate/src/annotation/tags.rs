@@ -4,7 +4,7 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use omnilife_schemas::store::{self, StoreError};
 use serde::{Deserialize, Deserializer};
@@ -79,6 +79,36 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Vec<TagRow>, CurateError>
     Ok(rows)
 }
 
+/// Returns a line on every property of which the rows of a sequence have several values, the last of which is kept.
+/// Captions of several authors stand side by side.
+pub fn contradictions(rows: &[&TagRow]) -> Vec<String> {
+    let property = |name: &str, of: &dyn Fn(&TagRow) -> Option<String>| {
+        let values: Vec<(String, &str)> = (rows.iter())
+            .filter_map(|row| Some((of(row)?, row.author.as_str())))
+            .collect();
+        let (kept, _) = values.last()?;
+        let differs = values.iter().any(|(value, _)| value != kept);
+        let said: Vec<String> = (values.iter())
+            .map(|(value, author)| format!("{value} by {author}"))
+            .collect();
+        differs.then(|| format!("{name} is {}; the last is kept", said.join(", ")))
+    };
+    let captions = |author: &str| {
+        property("caption", &|row| {
+            row.caption.clone().filter(|_| row.author == author)
+        })
+    };
+    let authors: BTreeSet<&str> = rows.iter().map(|row| row.author.as_str()).collect();
+    let tags = [
+        property("scene", &|row| row.scene.clone()),
+        property("action", &|row| row.action.clone()),
+        property("traversal", &|row| Some(row.traversal?.to_string())),
+    ];
+    (tags.into_iter().flatten())
+        .chain(authors.into_iter().filter_map(captions))
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
@@ -96,6 +126,29 @@ mod tests {
         }
         std::fs::write(&file, "sequence,author\n").unwrap();
         assert!(read(&file).unwrap().is_empty());
+    }
+
+    #[test]
+    fn contradictions_are_listed_by_property() {
+        let row = |author: &str, scene: Option<&str>, caption: Option<&str>| TagRow {
+            sequence: "a/seq-000".to_owned(),
+            author: author.to_owned(),
+            scene: scene.map(str::to_owned),
+            action: None,
+            traversal: Some(true),
+            caption: caption.map(str::to_owned),
+        };
+        let ann = row("Ann", Some("reef"), Some("Fish."));
+        let same = row("Bob", Some("reef"), Some("A diver."));
+        assert_eq!(contradictions(&[&ann, &same]), [""; 0]);
+        let other = row("Bob", Some("beach"), None);
+        let found = contradictions(&[&ann, &same, &other]);
+        assert_eq!(
+            found,
+            ["scene is reef by Ann, reef by Bob, beach by Bob; the last is kept"]
+        );
+        let again = row("Ann", None, Some("Corals."));
+        assert_eq!(contradictions(&[&ann, &again, &same]).len(), 1);
     }
 
     #[test]

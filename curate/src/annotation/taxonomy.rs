@@ -3,9 +3,11 @@
 use std::{collections::BTreeSet, path::Path};
 
 use omnilife_schemas::{
-    records::{NameGroup, Taxonomy},
+    records::{Annotation, NameGroup, Taxonomy},
     store::{self, StoreError},
 };
+
+use super::measure::{DYNAMICS_LEVELS, UNKNOWN};
 
 /// The taxonomy that comes with the program: 3 semantic groups with 64 scene categories and 4
 /// ego-motion classes with 31 actions, the numbers of the paper. The paper names the groups, the
@@ -61,9 +63,73 @@ pub(super) fn group_of<'a>(groups: &'a [NameGroup], name: &str) -> Option<&'a st
         .map(|group| group.name.as_str())
 }
 
+/// Returns one line per fault of an annotation: names and groups are checked where it is of this taxonomy, measured
+/// classes always.
+pub(crate) fn faults(annotation: &Annotation, taxonomy: &Taxonomy) -> Vec<String> {
+    let mut faults = Vec::new();
+    let motion = &annotation.ego_motion;
+    let tags = [
+        (
+            "scene",
+            &taxonomy.scenes,
+            &annotation.scene,
+            &annotation.group,
+        ),
+        (
+            "action",
+            &taxonomy.actions,
+            &annotation.action,
+            &motion.of_action,
+        ),
+    ];
+    for (kind, groups, tag, group) in tags {
+        let name = tag.as_ref().map(|tag| tag.name.as_str());
+        let expected = name.map(|name| (name, group_of(groups, name)));
+        let version = &taxonomy.version;
+        match expected {
+            _ if annotation.taxonomy != *version => {}
+            Some((name, None)) => {
+                faults.push(format!(
+                    "{name} is not among the {kind}s of taxonomy {version}"
+                ));
+            }
+            Some((name, Some(expected))) if group.as_deref() != Some(expected) => {
+                let found = group.as_deref().unwrap_or("no group");
+                faults.push(format!(
+                    "{kind} {name} is of {expected}, and not of {found}"
+                ));
+            }
+            None if group.is_some() => faults.push(format!("has a group of no {kind}")),
+            Some(_) | None => {}
+        }
+    }
+    let ego_motions = taxonomy.actions.iter().map(|group| group.name.as_str());
+    let measured = [
+        (
+            "ego-motion",
+            &motion.measured,
+            ego_motions.collect::<Vec<_>>(),
+        ),
+        ("dynamics", &annotation.dynamics, DYNAMICS_LEVELS.to_vec()),
+    ];
+    for (kind, measured, classes) in measured {
+        let class = measured.as_ref().map(|measured| measured.class.as_str());
+        let is_known = |class: &&str| *class == UNKNOWN || classes.contains(class);
+        if let Some(class) = class.filter(|class| !is_known(class)) {
+            let classes = classes.join(", ");
+            faults.push(format!(
+                "{kind} must be one of {classes}, {UNKNOWN}, got {class}"
+            ));
+        }
+    }
+    faults
+}
+
 #[cfg(test)]
 mod tests {
     #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+    use omnilife_schemas::records::{Measured, Tag};
 
     use super::*;
 
@@ -85,6 +151,57 @@ mod tests {
             Some("walking-and-daily")
         );
         assert_eq!(group_of(&taxonomy.actions, "night-market"), None);
+    }
+
+    #[test]
+    fn names_groups_and_classes_of_annotations_are_checked() {
+        let taxonomy = load(None).unwrap();
+        let tag = |name: &str| {
+            Some(Tag {
+                name: name.to_owned(),
+                author: "ann".to_owned(),
+            })
+        };
+        let measured = |class: &str| {
+            Some(Measured {
+                class: class.to_owned(),
+                from: "frames".to_owned(),
+                evidence: Vec::new(),
+            })
+        };
+        let mut sound = Annotation {
+            taxonomy: taxonomy.version.clone(),
+            scene: tag("night-market"),
+            group: Some("urban-outdoor".to_owned()),
+            action: tag("walking"),
+            dynamics: measured("low"),
+            ..Annotation::default()
+        };
+        sound.ego_motion.of_action = Some("walking-and-daily".to_owned());
+        sound.ego_motion.measured = measured("unknown");
+        assert_eq!(faults(&sound, &taxonomy), [""; 0]);
+        let changes: [fn(&mut Annotation); 6] = [
+            |one| one.group = Some("indoor-venues".to_owned()),
+            |one| one.group = None,
+            |one| one.scene = None,
+            |one| one.action = one.scene.clone(),
+            |one| {
+                one.dynamics = one.ego_motion.measured.clone().map(|measured| Measured {
+                    class: "fast".to_owned(),
+                    ..measured
+                })
+            },
+            |one| one.ego_motion.measured = one.dynamics.clone(),
+        ];
+        for (number, change) in changes.iter().enumerate() {
+            let mut changed = sound.clone();
+            change(&mut changed);
+            let found = faults(&changed, &taxonomy);
+            assert_eq!(found.len(), 1, "{number}: {found:?}");
+        }
+        sound.taxonomy = "of a lab".to_owned();
+        sound.group = None;
+        assert_eq!(faults(&sound, &taxonomy), [""; 0]);
     }
 
     #[test]

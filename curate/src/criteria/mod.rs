@@ -14,7 +14,7 @@ mod undamaged;
 use std::path::Path;
 
 use omnilife_schemas::records::{
-    Admission, CheckOutcome, DetectedProjection, OverlayReport, Probe,
+    Admission, CheckOutcome, DetectedProjection, OverlayReport, Probe, SphereLayout,
 };
 use serde::Deserialize;
 
@@ -34,6 +34,8 @@ pub(crate) const LEFT_OUT_THRESHOLD: &str = "what the ledger keeps";
 pub struct Candidate<'a> {
     /// The probe.
     pub probe: &'a Probe,
+    /// Layout that stores the sphere, if it is not one equirectangular image.
+    pub layout: Option<SphereLayout>,
     /// The ERP projection in force; it records whether the user overrode the evidence.
     pub projection: Option<&'a DetectedProjection>,
     /// Damaged frames.

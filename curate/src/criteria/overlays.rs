@@ -187,6 +187,7 @@ mod tests {
         let probe = Probe::of_size([4096, 2048]);
         let candidate = Candidate {
             probe: &probe,
+            layout: None,
             projection: None,
             damaged_frames: None,
             overlays: Some(&report),

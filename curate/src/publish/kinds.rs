@@ -42,8 +42,16 @@ pub(super) static SEQUENCES: Kind = Kind {
         ("begin_seconds", FLOAT, "its begin in the source, seconds"),
         ("end_seconds", FLOAT, "its end in the source, seconds"),
         ("duration_seconds", FLOAT, "its length, seconds"),
-        ("source_width", INTEGER, "width of the source in pixels"),
-        ("source_height", INTEGER, "height of the source in pixels"),
+        (
+            "source_width",
+            INTEGER,
+            "width of the source's panorama in pixels",
+        ),
+        (
+            "source_height",
+            INTEGER,
+            "height of the source's panorama in pixels",
+        ),
         ("frames", INTEGER, "sampled frames"),
         ("group", LABEL, "semantic group of the scene"),
         ("scene", LABEL, "scene category"),

@@ -28,6 +28,7 @@ mod kinds;
 mod licence;
 mod selection;
 mod shards;
+mod soundness;
 mod statements;
 mod statistics;
 mod tables;
@@ -117,6 +118,7 @@ pub fn publish(
         return Err(CurateError::input(folder, reason));
     }
     let statistics = Statistics::collect(folder, &dataset)?;
+    soundness::refuse(folder, &statistics)?;
     let bytes = settings.shard_bytes;
     let shards = bytes.map(|bytes| shards::plan(folder, &statistics, bytes));
     let shards = shards.transpose()?.unwrap_or_default();

@@ -35,9 +35,9 @@ pub struct SequenceRow {
     pub end_seconds: f64,
     /// Its length, seconds.
     pub duration_seconds: f64,
-    /// Width of the source in pixels.
+    /// Width of the source's panorama in pixels.
     pub source_width: u32,
-    /// Height of the source in pixels.
+    /// Height of the source's panorama in pixels.
     pub source_height: u32,
     /// Sampled frames.
     pub frames: usize,
@@ -325,14 +325,15 @@ fn row(folder: &Path, name: &str, sequence: Sequence) -> Result<SequenceRow, Cur
             .filter(|frame| frame.pose.is_some())
             .count()
     });
+    let (source_width, source_height) = sequence.source_size();
     Ok(SequenceRow {
         folder: name.to_owned(),
         source: sequence.source.file_name.clone(),
         begin_seconds: sequence.range.begin_seconds,
         end_seconds: sequence.range.end_seconds,
         duration_seconds: sequence.range.duration_seconds(),
-        source_width: sequence.probe.width,
-        source_height: sequence.probe.height,
+        source_width,
+        source_height,
         frames: sequence.frames.entries.len(),
         group: or_unknown(annotation.group.as_deref()),
         scene: or_unknown(annotation.scene.as_ref().map(|tag| tag.name.as_str())),

@@ -12,7 +12,7 @@ use omnilife_schemas::{
 };
 use serde::Deserialize;
 
-use super::{Statistics, checksums, croissant, derived_files, shards};
+use super::{Statistics, checksums, croissant, derived_files, shards, soundness};
 use crate::error::CurateError;
 
 /// Segments meet where they differ by no more than this, seconds: they are the same numbers,
@@ -26,7 +26,8 @@ const FUNNEL_TOLERANCE_SECONDS: f64 = 1e-6;
 ///
 /// Checks:
 /// * a checksum of every file, no file missing and none too many; every record against its schema;
-/// * sequences and frames that the records name; segments add up to the duration of their video and the funnel to the
+/// * sequences and frames that the records name, frames of the stated size in order of time; tags and classes of
+///   annotations; segments add up to the duration of their video and the funnel to the
 ///   sequences; every slice lasts as long as its segment;
 /// * statistics and card agree with the records.
 ///
@@ -142,17 +143,9 @@ fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults
                 "{name}: is cut from another video than {DATASET_FILE} says"
             ));
         }
-        for frame in &sequence.frames.entries {
-            if !at.join(&frame.file).is_file() {
-                faults.add(format!("{name}/{}: is missing", frame.file));
-            }
-            if !sequence.range.contains(frame.time_seconds) {
-                faults.add(format!(
-                    "{name}/{}: its time, {} s, is outside the sequence",
-                    frame.file, frame.time_seconds
-                ));
-            }
-        }
+        faults
+            .lines
+            .extend(soundness::faults_of(folder, name, &sequence));
         kept.push((name, sequence.range));
     }
     let Some(video_folder) = video_folder else {

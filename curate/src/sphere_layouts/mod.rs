@@ -139,30 +139,9 @@ pub(crate) fn unrecorded(
     })
 }
 
-/// Returns the width in pixels of the equirectangular image with the horizontal resolution of a frame of `width` x
-/// `height` pixels at the horizon.
-pub(crate) fn erp_width(layout: SphereLayout, (width, height): (u32, u32)) -> u32 {
-    match layout {
-        SphereLayout::StereoTopBottom => width,
-        SphereLayout::StereoLeftRight => width / 2,
-        SphereLayout::HalfErp | SphereLayout::HalfErpTopBottom => 2 * width,
-        SphereLayout::HalfErpLeftRight => width,
-        SphereLayout::EquiangularCubemap => width / 3 * 4,
-        SphereLayout::Cubemap { columns, .. } => width / u32::from(columns.max(1)) * 4,
-        SphereLayout::DualFisheye {
-            field_of_view_degrees,
-            circles,
-        } => {
-            let radius = circles.iter().fold(0.0, |sum, circle| sum + circle.radius) / 2.0;
-            let diameter = 2.0 * radius * f64::from(height.min(width / 2));
-            (diameter * 360.0 / field_of_view_degrees) as u32
-        }
-    }
-}
-
 /// Returns the width in pixels that frames need so that their equirectangular image of `width` pixels is not upsampled.
 pub(crate) fn stored_width(layout: SphereLayout, width: u32, stored: (u32, u32)) -> u32 {
-    let native = erp_width(layout, stored).max(1);
+    let native = layout.erp_width(stored).max(1);
     let share = f64::from(width) / f64::from(native);
     (f64::from(stored.0) * share).ceil() as u32
 }
@@ -385,7 +364,7 @@ mod tests {
             let marked = unrecorded(layout, stored, [WIDTH, WIDTH / 2]).map(|mask| mask.data);
             let expected = (0..WIDTH * WIDTH / 2).map(|pixel| 255 * u8::from(!is_ahead(pixel)));
             assert_eq!(marked, Some(expected.collect()), "{layout}");
-            assert_eq!(erp_width(layout, stored), WIDTH as u32);
+            assert_eq!(layout.erp_width(stored), WIDTH as u32);
         }
         assert_eq!(
             unrecorded(SphereLayout::EquiangularCubemap, (192, 128), [64, 32]),
@@ -405,8 +384,8 @@ mod tests {
             ("half-erp-left-right", (5760, 2880), 5760),
             ("half-erp-top-bottom", (2880, 5760), 5760),
         ] {
-            let layout = name.parse()?;
-            assert_eq!(erp_width(layout, stored), expected, "{name}");
+            let layout: SphereLayout = name.parse()?;
+            assert_eq!(layout.erp_width(stored), expected, "{name}");
             assert_eq!(
                 stored_width(layout, expected / 4, stored),
                 stored.0 / 4,

@@ -10,7 +10,7 @@ use omnilife_schemas::{
 use omnilife_video::Rgb8Image;
 use rayon::prelude::*;
 
-use super::{erp_width, places};
+use super::places;
 
 /// Rays along a side of a pixel at most.
 const MOST_RAYS: usize = 4;
@@ -30,7 +30,7 @@ impl SphereSampler {
     /// Creates a sampler from frames of `stored` pixels to images of `size`.
     pub(super) fn new(layout: SphereLayout, stored: [usize; 2], size: [usize; 2]) -> Self {
         let [width, height] = size;
-        let native = erp_width(layout, (stored[0] as u32, stored[1] as u32)) as usize;
+        let native = layout.erp_width((stored[0] as u32, stored[1] as u32)) as usize;
         let side = native.div_ceil(width).clamp(1, MOST_RAYS);
         let camera = ErpCamera::new(width as u32, height as u32);
         let place = |pixel: usize, ray: usize| {

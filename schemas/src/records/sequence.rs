@@ -1,5 +1,7 @@
 //! `sequence`: one continuous, verified segment of a source video and its sampled frames.
 
+use std::collections::BTreeSet;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -66,6 +68,38 @@ impl Sequence {
             },
             motion_frames: Vec::new(),
         }
+    }
+
+    /// Returns width and height in pixels of the source's images: of one upright panorama, however the video stores it.
+    pub fn source_size(&self) -> (u32, u32) {
+        self.probe.sphere_size(self.frames.converted_from)
+    }
+
+    /// Returns one line per fault of the frames: a file that stands twice, a time outside of the sequence or before
+    /// that of the frame before.
+    pub fn faults(&self) -> Vec<String> {
+        let entries = &self.frames.entries;
+        let mut faults = Vec::new();
+        let mut files = BTreeSet::new();
+        for FrameEntry {
+            file, time_seconds, ..
+        } in entries
+        {
+            if !files.insert(file) {
+                faults.push(format!("{file} is listed twice"));
+            }
+            if !self.range.contains(*time_seconds) {
+                faults.push(format!(
+                    "the time of {file}, {time_seconds} s, is outside the sequence"
+                ));
+            }
+        }
+        let pairs = entries.iter().zip(entries.iter().skip(1));
+        let disordered = pairs.filter(|(before, after)| after.time_seconds < before.time_seconds);
+        faults.extend(disordered.map(|(before, after)| {
+            format!("{} is earlier than {} before it", after.file, before.file)
+        }));
+        faults
     }
 
     /// Returns whether its frames are perspective images. The evidence alone never makes a sequence of such a video;
@@ -204,6 +238,15 @@ impl Probe {
         } else {
             (self.width, self.height)
         }
+    }
+
+    /// Returns width and height in pixels of the panorama of a layout; those of the upright image without one.
+    pub fn sphere_size(&self, layout: Option<SphereLayout>) -> (u32, u32) {
+        let stored = self.upright_size();
+        layout.map_or(stored, |layout| {
+            let width = layout.erp_width(stored);
+            (width, width / 2)
+        })
     }
 }
 
@@ -429,6 +472,35 @@ pub struct FrameEntry {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn frames_out_of_order_listed_twice_or_outside_are_faults() {
+        let sequence = |frames: &[(&str, f64)]| {
+            let entries = frames.iter().map(|&(file, time_seconds)| FrameEntry {
+                file: file.to_owned(),
+                time_seconds,
+                capture: None,
+            });
+            let mut sequence = Sequence::of_panoramas("a", [64, 32], entries.collect());
+            sequence.range = TimeRange::new(0.0, 2.0);
+            sequence.faults()
+        };
+        assert!(sequence(&[("a", 0.0), ("b", 1.0), ("c", 1.0)]).is_empty());
+        assert_eq!(sequence(&[("a", 0.0), ("a", 1.0)]).len(), 1);
+        assert_eq!(sequence(&[("a", 1.0), ("b", 0.5), ("c", 1.5)]).len(), 1);
+        assert_eq!(sequence(&[("a", 0.0), ("b", 2.0)]).len(), 1);
+        assert_eq!(sequence(&[("a", f64::NAN), ("b", 1.0)]).len(), 1);
+    }
+
+    #[test]
+    fn a_source_is_as_wide_as_its_panorama() {
+        let mut sequence = Sequence::of_panoramas("a", [64, 32], Vec::new());
+        sequence.probe = Probe::of_size([512, 1024]);
+        sequence.probe.rotation_degrees = 90.0;
+        assert_eq!(sequence.source_size(), (1024, 512));
+        sequence.frames.converted_from = Some(SphereLayout::StereoLeftRight);
+        assert_eq!(sequence.source_size(), (512, 256));
+    }
 
     #[test]
     fn frames_of_no_or_of_endless_sides_are_refused() {

@@ -43,6 +43,29 @@ pub enum SphereLayout {
     },
 }
 
+impl SphereLayout {
+    /// Returns the width in pixels of the equirectangular image with the horizontal resolution of a frame of `width` x
+    /// `height` pixels at the horizon.
+    pub fn erp_width(self, (width, height): (u32, u32)) -> u32 {
+        match self {
+            Self::StereoTopBottom => width,
+            Self::StereoLeftRight => width / 2,
+            Self::HalfErp | Self::HalfErpTopBottom => 2 * width,
+            Self::HalfErpLeftRight => width,
+            Self::EquiangularCubemap => width / 3 * 4,
+            Self::Cubemap { columns, .. } => width / u32::from(columns.max(1)) * 4,
+            Self::DualFisheye {
+                field_of_view_degrees,
+                circles,
+            } => {
+                let radius = circles.iter().fold(0.0, |sum, circle| sum + circle.radius) / 2.0;
+                let diameter = 2.0 * radius * f64::from(height.min(width / 2));
+                (diameter * 360.0 / field_of_view_degrees) as u32
+            }
+        }
+    }
+}
+
 /// Circle of a lens in its half of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FisheyeCircle {

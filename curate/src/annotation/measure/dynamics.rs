@@ -12,6 +12,9 @@ use omnilife_schemas::{
 use super::{LIMITS, evidence, from_frames::FrameMotion, unknown};
 use crate::error::CurateError;
 
+/// Classes, from little motion to much.
+pub(crate) const LEVELS: [&str; 3] = ["low", "medium", "high"];
+
 /// Returns the shares of the sphere that masks mark as moving, with the source of the masks: those of the scene, else
 /// those that were computed. `None` without masks.
 ///
@@ -60,10 +63,11 @@ pub(super) fn level(
         return unknown(frames);
     }
     let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+    let [low, medium, high] = LEVELS;
     let class = match mean {
-        share if share > LIMITS.high_dynamics => "high",
-        share if share > LIMITS.low_dynamics => "medium",
-        _ => "low",
+        share if share > LIMITS.high_dynamics => high,
+        share if share > LIMITS.low_dynamics => medium,
+        _ => low,
     };
     Dynamics {
         class: class.to_owned(),
