@@ -1,6 +1,6 @@
 //! Split of a scene's frames into those given to a method and those it must predict.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use omnilife_schemas::{
     image_file::ImageFile,
@@ -13,7 +13,11 @@ use omnilife_schemas::{
 };
 use rayon::prelude::*;
 
-use crate::{error::BenchError, protocols};
+use crate::{
+    diagnosis::{Look, repeated_frames},
+    error::BenchError,
+    protocols,
+};
 
 /// Prefix of the schemas of all versions.
 const ANY_SPLIT: &str = "omnilife/split/";
@@ -85,20 +89,35 @@ pub fn split_scene_under(
 pub fn notes_on_split(scene: &Path, split: &Split) -> Result<Vec<String>, BenchError> {
     let record: Scene = store::read_record(scene)?;
     let frames = [split.input_views.as_slice(), &split.novel_views].concat();
-    let seen: Vec<(u32, Result<bool, StoreError>)> = frames
+    let seen: Vec<(u32, Result<(bool, Look), StoreError>)> = frames
         .par_iter()
         .filter_map(|&frame| {
             let file = scene.with_file_name(&record.frames.get(frame as usize)?.image);
-            let rgb = ImageFile::open(&file).and_then(ImageFile::decode_plain);
-            Some((frame, rgb.map(|rgb| rgb::is_single_colour(&rgb))))
+            let seen = ImageFile::open(&file).and_then(|image| {
+                let size = image.size();
+                let rgb = image.decode_plain()?;
+                Ok((rgb::is_single_colour(&rgb), Look::of(&rgb, size)))
+            });
+            Some((frame, seen))
         })
         .collect();
-    let single = seen.iter().filter(|(_, seen)| matches!(seen, Ok(true)));
+    let single = seen
+        .iter()
+        .filter(|(_, seen)| matches!(seen, Ok((true, _))));
     let unusable: Vec<&StoreError> = seen
         .iter()
         .filter_map(|(_, seen)| seen.as_ref().err())
         .collect();
+    let looks = seen.iter().filter_map(|(frame, seen)| {
+        let (is_single, look) = seen.as_ref().ok()?;
+        (!is_single).then_some((*frame, look))
+    });
+    let looks: BTreeMap<u32, &Look> = looks.collect();
+    let repeated = repeated_frames(&split.novel_views, &split.input_views, |frame| {
+        looks.get(&frame).copied()
+    });
     let mut lines = split.notes(&record);
+    lines.extend(repeated.map(|kind| kind.to_string()));
     lines.extend(without_content(single.map(|(frame, _)| *frame)));
     lines.extend(unusable.first().map(|first| {
         format!(

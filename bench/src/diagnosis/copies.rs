@@ -2,9 +2,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use omnilife_schemas::statistics::median;
+use omnilife_schemas::{statistics::median, store};
 
-use super::{kind::DiagnosisKind, look::ViewFacts};
+use super::{
+    images::reduced,
+    kind::DiagnosisKind,
+    look::{SMALL, ViewFacts},
+};
 use crate::metrics::ViewPair;
 
 /// Least median difference of bytes between two ground truths with different content: a static camera sees most pixels
@@ -23,10 +27,25 @@ const LARGEST_SHARE_OF_EQUALS: f64 = 0.9;
 pub(super) struct Truth {
     /// At the larger of the reduced sizes.
     pub(super) medium: Vec<f32>,
-    /// At the smaller one.
-    pub(super) small: Vec<f32>,
+    pub(super) look: Look,
+}
+
+/// Look of a frame, by which it is recognized.
+pub(crate) struct Look {
+    /// At the smaller of the reduced sizes.
+    small: Vec<f32>,
     /// SHA-256 of its bytes.
-    pub(super) sha256: String,
+    sha256: String,
+}
+
+impl Look {
+    /// Reduces an 8-bit RGB image of `size` (width, height).
+    pub(crate) fn of(bytes: &[u8], size: [usize; 2]) -> Self {
+        Self {
+            small: reduced(bytes, size, SMALL).1,
+            sha256: store::sha256_bytes(bytes),
+        }
+    }
 }
 
 /// Ground truth of frames by their number.
@@ -54,26 +73,24 @@ pub(super) fn given_beside(frame: u32, given: &[u32]) -> impl Iterator<Item = u3
 }
 
 /// Returns novel frames that are the same image as a given frame beside them; `None` if none can be compared.
-pub(super) fn repeated_frames(
+pub(crate) fn repeated_frames<'a>(
     novel: &[u32],
     given: &[u32],
-    truths: &Truths,
+    look: impl Fn(u32) -> Option<&'a Look>,
 ) -> Option<DiagnosisKind> {
     let (mut identical, mut similar, mut frames) = (0, 0, 0);
     for &frame in novel {
-        let Some(truth) = truths.get(&frame) else {
+        let Some(own) = look(frame) else {
             continue;
         };
-        let beside: Vec<&Truth> = given_beside(frame, given)
-            .filter_map(|frame| truths.get(&frame))
-            .collect();
+        let beside: Vec<&Look> = given_beside(frame, given).filter_map(&look).collect();
         if beside.is_empty() {
             continue;
         }
         frames += 1;
-        if beside.iter().any(|other| other.sha256 == truth.sha256) {
+        if beside.iter().any(|other| other.sha256 == own.sha256) {
             identical += 1;
-        } else if beside.iter().any(|other| is_same(truth, other)) {
+        } else if beside.iter().any(|other| is_same(own, other)) {
             similar += 1;
         }
     }
@@ -85,8 +102,8 @@ pub(super) fn repeated_frames(
     })
 }
 
-fn is_same(truth: &Truth, other: &Truth) -> bool {
-    let mut values = truth.small.iter().zip(&other.small);
+fn is_same(own: &Look, other: &Look) -> bool {
+    let mut values = own.small.iter().zip(&other.small);
     values.all(|(a, b)| (a - b).abs() <= SAME_CONTENT)
 }
 

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::{
     border::Border,
-    copies::{self, Truth, Truths},
+    copies::{self, Look, Truth, Truths},
     distances::{Distances, missing_share},
     images::{Small, psnr_db, reduced},
     shifts,
@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// Columns of the reduced sizes: for rotations and colours, and for comparisons frame by frame.
-const SMALL: usize = 128;
+pub(super) const SMALL: usize = 128;
 const MEDIUM: usize = 256;
 /// Least share of the values of arrays outside of [0, 1] for a finding.
 pub(super) const TELLING_OUTSIDE: f64 = 0.05;
@@ -191,8 +191,7 @@ pub(super) fn truths(job: &ScoringJob, frames: &BTreeSet<u32>, memory_bytes: u64
                 let bytes = truth::read(job, frame).ok()?;
                 let truth = Truth {
                     medium: reduced(&bytes, size, MEDIUM).1,
-                    small: reduced(&bytes, size, SMALL).1,
-                    sha256: store::sha256_bytes(&bytes),
+                    look: Look::of(&bytes, size),
                 };
                 Some((frame, truth))
             })

@@ -35,6 +35,7 @@ use crate::{
     job::{ScoreRequest, ScoringJob, View, ViewKind},
 };
 
+pub(crate) use self::copies::{Look, repeated_frames};
 pub use self::{
     border::Border,
     distances::DistanceMistake,
@@ -92,17 +93,17 @@ impl DiagnosisFinding {
 }
 
 impl Diagnosis {
-    /// Returns one line for every mistake, prefixed by [`DIAGNOSIS_PREFIX`], and one for frames of the data that are
-    /// given and held out, without it. Copies of given views, as in baselines, make no warning.
+    /// Returns one line for every mistake, prefixed by [`DIAGNOSIS_PREFIX`], and without it one for frames of the data
+    /// that are given and held out, and for missing distances. Copies of given views, as in baselines, make no warning.
     pub fn warnings(&self) -> Vec<String> {
         let mistakes = self
             .mistakes()
             .map(|mistake| format!("{DIAGNOSIS_PREFIX}{mistake}"));
-        let is_of_data = |finding: &&DiagnosisFinding| {
-            matches!(finding.kind, DiagnosisKind::RepeatedFrames { .. })
+        let is_told = |finding: &&DiagnosisFinding| {
+            !matches!(finding.kind, DiagnosisKind::CopiesOfGivenViews { .. })
         };
-        let of_data = self.findings.iter().filter(is_of_data);
-        mistakes.chain(of_data.map(ToString::to_string)).collect()
+        let others = self.notes().filter(is_told);
+        mistakes.chain(others.map(ToString::to_string)).collect()
     }
 
     /// Returns the findings that are not mistakes: facts about views and data.
@@ -156,10 +157,12 @@ pub(crate) fn of_job(job: &ScoringJob, memory_bytes: u64) -> Result<Diagnosis, B
     }
     findings.sort_by_key(|finding| !finding.kind.is_mistake());
     findings.extend(
-        copies::repeated_frames(&novel, given, &truths).map(|kind| DiagnosisFinding {
-            view: None,
-            kind,
-            gain_db: None,
+        repeated_frames(&novel, given, |frame| Some(&truths.get(&frame)?.look)).map(|kind| {
+            DiagnosisFinding {
+                view: None,
+                kind,
+                gain_db: None,
+            }
         }),
     );
     let psnrs = by_kind.iter().flat_map(|of_kind| &of_kind.views);

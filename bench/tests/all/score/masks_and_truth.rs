@@ -208,6 +208,21 @@ fn ground_truth_that_shows_nothing_is_told() {
     }
 }
 
+/// What repeats a given frame scores there, whatever the method.
+#[test]
+fn novel_frames_that_repeat_given_ones_are_told_by_the_split() {
+    let bench = Bench::new();
+    let of_split = || notes_on_split(&bench.request.scene, &bench.split).unwrap();
+    let frame = |number: u32| bench.at(&format!("scene/frames/{number:06}.png"));
+    fs::copy(frame(3), frame(4)).unwrap();
+    let lines = of_split();
+    assert_eq!(
+        count(&lines, "the same image as a given frame"),
+        1,
+        "{lines:?}"
+    );
+}
+
 /// A region can be the ground truth where the whole view is not.
 #[test]
 fn equal_regions_are_told() {
