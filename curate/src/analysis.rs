@@ -15,6 +15,7 @@ use crate::{
     near_duplicates::{SignaturePass, signature},
     overlays::{MosaicPass, OverlayPass},
     projection::FrameSamples,
+    repetitions::RepetitionPass,
     sharpness::{self, View, sharpness},
     shots::SamplePass,
     sphere_layouts::{self, ToErp},
@@ -51,6 +52,8 @@ pub struct Analysis {
     pub damaged_frames: u64,
     /// Frames that are marked as interlaced.
     pub interlaced_frames: u64,
+    /// Frames that repeat the picture of the one before.
+    pub repeated_frames: u64,
 }
 
 /// Converts frames of other sphere layouts to equirectangular images.
@@ -130,6 +133,7 @@ pub(crate) fn analyse_with(
     let mut shot_samples = SamplePass::default();
     let mut overlays = OverlayPass::default();
     let mut mosaics = MosaicPass::default();
+    let mut repetitions = RepetitionPass::default();
     let mut times = Vec::new();
     let mut size = None;
     let outcome: Result<(), CurateError> = (|| {
@@ -149,6 +153,7 @@ pub(crate) fn analyse_with(
             let image = small.convert(video, &frame.image)?.turned(turns);
             pass.observe(frame.time_seconds, &image)
                 .map_err(|reason| CurateError::internal(video, reason))?;
+            repetitions.observe(image);
             let is_of_sphere =
                 overlays.wants(frame.time_seconds) || shot_samples.wants(frame.time_seconds);
             if is_of_sphere || samples.wants(frame.time_seconds) {
@@ -231,6 +236,7 @@ pub(crate) fn analyse_with(
         signature,
         damaged_frames: reader.damaged(),
         interlaced_frames: reader.interlaced(),
+        repeated_frames: repetitions.count(),
     })
 }
 

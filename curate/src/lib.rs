@@ -34,6 +34,7 @@ pub mod pipeline;
 pub mod poses;
 pub mod projection;
 pub mod publish;
+mod repetitions;
 mod sequences;
 mod settings;
 mod sharpness;

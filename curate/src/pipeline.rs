@@ -23,7 +23,7 @@ use crate::{
     frames,
     near_duplicates::signature,
     overlays::{self, MosaicPass, OverlayPass},
-    projection,
+    projection, repetitions,
     sequences::{self, Sequencing},
     settings::{CurateSettings, FrameSelection, LayoutChoice},
     sharpness::View,
@@ -150,6 +150,9 @@ fn sequences_of(
         progress,
     )?;
     let size = frames::frame_size(video, &probe, settings.width, settings.accept, layout)?;
+    if let Some(line) = settings.sampling.excess(analysis.probe.frames_per_second) {
+        progress.note(&format!("{}: {line}", video.display()));
+    }
     let candidate = criteria::Candidate {
         probe: &analysis.probe,
         layout,
@@ -280,6 +283,7 @@ fn analysed(
             mut signature,
             damaged_frames,
             interlaced_frames,
+            repeated_frames,
         } = analysis::analyse_with(video, detector, asked, measured, progress)?;
         if damaged_frames > 0 {
             progress.note(&format!(
@@ -293,6 +297,10 @@ fn analysed(
                  moments, take the rows apart first: ffmpeg -i IN -vf bwdif OUT",
                 video.display()
             ));
+        }
+        let frames = probe.decoded_frames.unwrap_or_default();
+        if let Some(line) = repetitions::note(repeated_frames, frames, probe.frames_per_second) {
+            progress.note(&format!("{}: {line}", video.display()));
         }
         if probe.is_hdr() {
             progress.note(&format!(
@@ -345,6 +353,7 @@ fn analysed(
             probe,
             damaged_frames,
             interlaced_frames,
+            repeated_frames,
             signals: SIGNALS_FILE.to_owned(),
         };
         signals.write_parquet(&folder.join(SIGNALS_FILE))?;

@@ -160,6 +160,7 @@ fn analyse(stills: &Stills, source: &SourceVideo) -> Result<VideoAnalysis, Curat
         overlays: None,
         damaged_frames: 0,
         interlaced_frames: 0,
+        repeated_frames: 0,
         signals: String::new(),
     })
 }

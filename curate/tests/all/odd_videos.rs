@@ -6,7 +6,7 @@ use omnilife_curate::{CurateSettings, analysis::timed_probe, curate_video};
 use omnilife_schemas::{
     Classified, ErrorKind,
     progress::Silent,
-    records::{Sequence, VideoAnalysis, VideoProjection},
+    records::{Sampling, Sequence, VideoAnalysis, VideoProjection},
     store,
     testing::Notes,
 };
@@ -240,6 +240,41 @@ fn interlaced_frames_are_counted_and_told() {
         let notes = notes.take();
         let is_told = notes.iter().any(|line| line.contains("interlaced"));
         assert_eq!(is_told, expected > 0, "{notes:?}");
+    }
+}
+
+/// Ten pictures a second, as they are and stored at thirty.
+#[test]
+fn repeated_frames_are_counted_and_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    erp_clip(folder, "a.mp4", &[1], 60, 10);
+    ffmpeg(
+        folder,
+        "-i a.mp4 -vf fps=30 -c:v libx264 -crf 20 thrice.mp4",
+    );
+    for (name, rate, expected) in [("a.mp4", 10.0, 0..=0), ("thrice.mp4", 40.0, 110..=120)] {
+        let (out, notes) = (folder.join("out").join(name), Notes::default());
+        let settings = CurateSettings {
+            sampling: Sampling::FramesPerSecond(rate),
+            ..lenient()
+        };
+        curate_video(&folder.join(name), &out, &settings, &notes).unwrap();
+        let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
+        let repeated = analysis.repeated_frames;
+        assert!(expected.contains(&repeated), "{name}: {repeated}");
+        let notes = notes.take();
+        let count = |words: &str| notes.iter().filter(|line| line.contains(words)).count();
+        assert_eq!(
+            count("repeat the picture"),
+            usize::from(repeated > 0),
+            "{notes:?}"
+        );
+        assert_eq!(
+            count("40 frames a second"),
+            usize::from(rate > 30.0),
+            "{notes:?}"
+        );
     }
 }
 

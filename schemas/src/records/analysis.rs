@@ -31,6 +31,9 @@ pub struct VideoAnalysis {
     /// Frames that are marked as interlaced, used as stored: rows of two moments alternate in them.
     #[serde(default)]
     pub interlaced_frames: u64,
+    /// Frames that repeat the picture of the one before, as in 15 pictures a second stored at 30.
+    #[serde(default)]
+    pub repeated_frames: u64,
     /// Parquet table of the per-frame signals: `time_seconds` and the detector's columns.
     pub signals: String,
 }

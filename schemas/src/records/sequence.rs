@@ -401,6 +401,21 @@ pub enum Sampling {
     FramesPerSecond(f64),
 }
 
+impl Sampling {
+    /// Returns a line on a rate above that of the video, of which every frame is taken then; `None` for others.
+    pub fn excess(self, frames_per_second: f64) -> Option<String> {
+        let Self::FramesPerSecond(rate) = self else {
+            return None;
+        };
+        // A rounded rate, such as 30 for 29.97, asks for every frame too.
+        (rate > 1.01 * frames_per_second).then(|| {
+            format!(
+                "{rate} frames a second are more than the video has: its {frames_per_second:.3} are taken"
+            )
+        })
+    }
+}
+
 /// Reads the side of an image in pixels, up to the limit for reading images.
 fn side_pixels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
     const MOST: u32 = 16_384;
