@@ -267,16 +267,18 @@ impl ObjectPath {
         self
     }
 
-    /// Returns the path moved by an offset and rotated about its own middle by an angle about `up`, radians.
+    /// Returns the path moved by an offset.
     #[must_use]
-    pub fn moved(mut self, offset: DVec3, turn_radians: f64, up: DVec3) -> Self {
-        let [begin, end] = self.centre.range();
-        let middle = self.centre.position(0.5 * (begin + end));
-        let turn = DMat3::from_axis_angle(up, turn_radians);
+    pub fn shifted(mut self, offset: DVec3) -> Self {
         for coefficient in &mut self.centre.coefficients {
-            let from_middle = DVec3::from_array(*coefficient) - middle;
-            *coefficient = (turn * from_middle + middle + offset).to_array();
+            *coefficient = (DVec3::from_array(*coefficient) + offset).to_array();
         }
+        self
+    }
+
+    /// Returns the path of the object turned in its place by an angle about up, radians: it goes where it went.
+    #[must_use]
+    pub fn turned(mut self, turn_radians: f64) -> Self {
         for heading in &mut self.headings {
             *heading += turn_radians;
         }
@@ -398,16 +400,11 @@ mod tests {
         let error = later.centre.position(9.0) - path.centre.position(6.0);
         assert!(error.length() < 1e-12);
         let offset = dvec3(1.0, 2.0, 0.0);
-        let moved = path.clone().moved(offset, PI, DVec3::Z);
-        let middle = path.centre.position(6.0);
-        assert!((moved.centre.position(6.0) - middle - offset).length() < 1e-12);
-        let [from, to] = [&path, &moved].map(|path| path.centre.position(2.0));
-        assert!(
-            (to - (2.0 * middle - from + offset) + dvec3(0.0, 0.0, 0.0))
-                .truncate()
-                .length()
-                < 1e-12
-        );
+        let moved = path.clone().shifted(offset).turned(PI);
+        for seconds in [2.0, 6.0, 9.0] {
+            let step = moved.centre.position(seconds) - path.centre.position(seconds);
+            assert!((step - offset).length() < 1e-12, "{seconds} s: {step}");
+        }
         assert!((moved.heading(5.0) - PI).abs() < 1e-12);
     }
 

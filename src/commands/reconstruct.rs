@@ -209,10 +209,8 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
             rendered.unposed
         );
     }
-    if let Some(speed) = rendered.largest_speed {
-        text += &format!(
-            "grey is still; 0 and 1 are {speed:.3} world units per second along the axes x, y, z\n"
-        );
+    if let Some(scale) = rendered.map_scale {
+        text += &format!("{scale}\n");
     }
     if let Some(cameras) = &rendered.cameras {
         text += &unseen_table(cameras);

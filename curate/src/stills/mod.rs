@@ -4,6 +4,7 @@ mod colours;
 mod exif_facts;
 mod gpano;
 mod placement;
+mod repetitions;
 mod sequence;
 
 use std::path::{Path, PathBuf};
@@ -74,9 +75,14 @@ impl Stills {
             return Err(CurateError::input(&other.path, reason));
         }
         let (times, times_note) = times(&stills);
-        let notes = parts_note(&stills).into_iter().chain(poses_note(&stills));
+        let notes = [
+            parts_note(&stills),
+            poses_note(&stills),
+            repetitions::same_files(&stills)?,
+            repetitions::same_names(&stills),
+        ];
         Ok(Self {
-            notes: notes.collect(),
+            notes: notes.into_iter().flatten().collect(),
             stills,
             times,
             times_note,
@@ -148,8 +154,35 @@ fn times(stills: &[Still]) -> (Vec<f64>, String) {
         None => "not all images have a time in their EXIF data",
     };
     let times = (0..stills.len()).map(|at| at as f64 * SECONDS_APART);
-    let note = format!("{reason}: they are taken to be {SECONDS_APART} s apart");
+    let gaps = gaps(stills);
+    let skipped = match gaps.is_empty() {
+        true => String::new(),
+        false => format!(
+            ", also where the numbers in their names have gaps: after {}",
+            plain_text::first_of(&gaps)
+        ),
+    };
+    let note = format!("{reason}: they are taken to be {SECONDS_APART} s apart{skipped}");
     (times.collect(), note)
+}
+
+/// Returns the names of the stills behind which numbers are missing; none where numbers do not count the stills.
+fn gaps(stills: &[Still]) -> Vec<String> {
+    let numbers: Option<Vec<u64>> = stills
+        .iter()
+        .map(|still| frame_order::number(&still.path))
+        .collect();
+    let Some(numbers) = numbers else {
+        return Vec::new();
+    };
+    let steps = numbers
+        .windows(2)
+        .map(|pair| pair[1].saturating_sub(pair[0]));
+    let steps: Vec<u64> = steps.collect();
+    let usual = steps.iter().copied().min().unwrap_or(0);
+    let behind = stills.iter().zip(&steps);
+    let skipped = behind.filter(|&(_, &step)| usual > 0 && step > usual);
+    skipped.map(|(still, _)| still.name()).collect()
 }
 
 fn parts_note(stills: &[Still]) -> Option<String> {

@@ -33,7 +33,7 @@ use crate::registry;
 use omnilife_training::{
     error::ReconstructError,
     formats::axes::FileAxes,
-    models::{OpenModel, OpenRequest, OpenedModel, gaussians},
+    models::{MapScale, OpenModel, OpenRequest, OpenedModel, gaussians},
     process,
 };
 
@@ -89,8 +89,8 @@ pub struct RenderedViews {
     pub times_seconds: Vec<f64>,
     /// Number of frames without a usable pose; they are left out.
     pub unposed: usize,
-    /// Maximum of a velocity map, world units per second; `None` for other layers.
-    pub largest_speed: Option<f64>,
+    /// Meaning of the values of a map; `None` for layers that are images.
+    pub map_scale: Option<MapScale>,
     /// Record of cameras by words; `None` for those of the poses.
     pub cameras: Option<WordedViews>,
 }
@@ -159,7 +159,7 @@ pub fn render_poses(
             camera,
             times_seconds: Vec::with_capacity(files.len()),
             unposed,
-            largest_speed: opened.largest_speed(),
+            map_scale: opened.map_scale(),
             cameras,
         };
         let render = |frame: &PlacedFrame| -> Result<(), ReconstructError> {

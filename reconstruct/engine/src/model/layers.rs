@@ -100,6 +100,11 @@ impl LayerRenderer {
         self.largest_speed
     }
 
+    /// Returns the distance that maps of distances show as half grey, normalized units.
+    pub fn middle_distance(&self) -> f32 {
+        self.median_distance
+    }
+
     /// Renders one layer of a view, clamped to `[0, 1]`.
     pub fn image(&mut self, view: &View, layer: Layer) -> RgbImage {
         match layer {

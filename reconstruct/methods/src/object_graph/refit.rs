@@ -257,9 +257,7 @@ mod tests {
     #[test]
     fn times_without_views_go_on_as_their_neighbours() {
         let [given, _] = paths();
-        let constant = given
-            .clone()
-            .moved(DVec3::new(0.4, -0.2, 0.0), 0.0, DVec3::Z);
+        let constant = given.clone().shifted(DVec3::new(0.4, -0.2, 0.0));
         let mut corrections = corrections(&given, &constant);
         corrections.retain(|one| !(3.0..9.5).contains(&one.seconds));
         let found = refit(&given, &corrections, [0.05, 0.01]).expect("determined");

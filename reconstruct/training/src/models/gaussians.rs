@@ -35,7 +35,7 @@ use crate::{
         self, GAUSSIAN_FILES, OBJECTS_FILE, axes::FileAxes, exchange, in_time, splat::Placement,
         validity,
     },
-    models::{Export, ModelFormat, OpenRequest, OpenedModel},
+    models::{Export, MapScale, ModelFormat, OpenRequest, OpenedModel},
 };
 
 /// Model format of Gaussians, static or dynamic.
@@ -140,9 +140,19 @@ impl OpenedModel for OpenedGaussians {
         Ok(self.layers.opacity(view, self.layer))
     }
 
-    fn largest_speed(&self) -> Option<f64> {
-        (self.layer == Layer::Velocity)
-            .then(|| self.source.world_speed(self.layers.largest_speed()))
+    fn map_scale(&self) -> Option<MapScale> {
+        match self.layer {
+            Layer::Velocity => {
+                let speed = self.source.world_speed(self.layers.largest_speed());
+                Some(MapScale::LargestSpeed(speed))
+            }
+            Layer::Depth => {
+                let middle = f64::from(self.layers.middle_distance());
+                let scale = self.source.normalization.scale;
+                Some(MapScale::MiddleDistance(middle / scale))
+            }
+            Layer::All | Layer::Static | Layer::Dynamic | Layer::Object(_) => None,
+        }
     }
 
     fn object_centres(&self, id: &str, seconds: &[f64]) -> Result<Vec<DVec3>, ReconstructError> {

@@ -8,7 +8,7 @@ pub mod objects;
 pub mod run_views;
 pub mod script;
 
-use std::path::Path;
+use std::{fmt, path::Path};
 
 use glam::DVec3;
 use omnilife_engine::camera::{Camera, View};
@@ -94,6 +94,30 @@ pub struct OpenRequest<'a> {
     pub progress: &'a dyn Progress,
 }
 
+/// Meaning of the values of a map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum MapScale {
+    /// Of a velocity map: its maximum, world units per second.
+    LargestSpeed(f64),
+    /// Of distances: that of half grey, world units.
+    MiddleDistance(f64),
+}
+
+impl fmt::Display for MapScale {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::LargestSpeed(speed) => write!(
+                f,
+                "grey is still; 0 and 1 are {speed:.3} world units per second along the axes x, y, z"
+            ),
+            Self::MiddleDistance(middle) => write!(
+                f,
+                "a value is {middle:.4} / ({middle:.4} + d) at a distance d along the ray, world units; 0 is unknown"
+            ),
+        }
+    }
+}
+
 /// An open model for rendering.
 pub trait OpenedModel {
     /// Returns the map from world to normalized coordinates.
@@ -119,8 +143,8 @@ pub trait OpenedModel {
         Ok(RgbImage::new(width, height, vec![1.0; 3 * width * height]))
     }
 
-    /// Returns the maximum speed of a velocity map, world units per second; `None` for other layers.
-    fn largest_speed(&self) -> Option<f64> {
+    /// Returns the meaning of the values of a map; `None` for layers that are images.
+    fn map_scale(&self) -> Option<MapScale> {
         None
     }
 

@@ -7,7 +7,7 @@ use omnilife_engine::{gaussians::tracked::OBJECT_NUMBERS, parameters::ParameterT
 use omnilife_schemas::{
     records::{GraphObject, InvalidGaussians, Objects, Poses, RunRecord},
     store,
-    trajectory::GroundAxes,
+    trajectory::{GroundAxes, ObjectPath},
 };
 
 use super::{
@@ -101,7 +101,7 @@ impl EditedObjects<'_> {
                     Unit::Distance => self.distance(at)?,
                 };
                 let offset = length * (self.axes(*axes)? * DVec3::from_array(*by));
-                self.place(at, offset, 0.0);
+                self.change(at, |path| path.shifted(offset));
                 format!("shift {id} by {offset}")
             }
             Edit::Rotate { turn, axes, .. } => {
@@ -114,8 +114,8 @@ impl EditedObjects<'_> {
                             .to_owned(),
                     );
                 }
-                self.place(at, DVec3::ZERO, degrees.to_radians());
-                format!("rotate {id} by {degrees} degrees")
+                self.change(at, |path| path.turned(degrees.to_radians()));
+                format!("rotate {id} by {degrees} degrees in its place; its path stays")
             }
             Edit::Duplicate { new, .. } => {
                 let copy = self.duplicate(at, new.as_deref())?;
@@ -125,8 +125,7 @@ impl EditedObjects<'_> {
                 seconds, frames, ..
             } => {
                 let seconds = script::delay(*seconds, *frames)?.seconds(self.views)?;
-                let object = &mut self.record.objects[at];
-                object.path = object.path.clone().delayed(seconds);
+                self.change(at, |path| path.delayed(seconds));
                 self.stays_in_clip(at)?;
                 format!("retime {id} by {seconds} s")
             }
@@ -200,10 +199,9 @@ impl EditedObjects<'_> {
         self.record.objects.remove(at);
     }
 
-    fn place(&mut self, at: usize, offset: DVec3, turn_radians: f64) {
-        let up = DVec3::from_array(self.record.up);
+    fn change(&mut self, at: usize, change: impl FnOnce(ObjectPath) -> ObjectPath) {
         let object = &mut self.record.objects[at];
-        object.path = object.path.clone().moved(offset, turn_radians, up);
+        object.path = change(object.path.clone());
     }
 
     /// Appends a copy; returns its id.

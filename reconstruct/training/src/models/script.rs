@@ -11,7 +11,7 @@
 //!                             # y along headings 0 and 90 degrees, z up
 //!
 //! [[edit]]
-//! kind = "rotate"             # about its own middle
+//! kind = "rotate"             # about its own middle; the path of a vehicle stays
 //! object = "swan"
 //! turn = [0.0, 0.0, 90.0]     # degrees about the three axes
 //!
