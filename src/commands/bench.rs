@@ -5,8 +5,9 @@ use std::{collections::BTreeSet, path::PathBuf};
 use omnilife_bench::{
     ADAPTERS, BenchError, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest,
     Finding, METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, Statement, curves,
-    curves_table, diagnose, notes_on_split, protocols, record_failure, run_external, score,
-    split_scene_under,
+    curves_table, diagnose,
+    external::EXTERNAL_RUN_FILE,
+    notes_on_split, protocols, record_failure, run_external, score, split_scene_under,
     tracking::{compare_tracks, world::TruePoses},
     unusable_views,
     video_consistency::video_consistency,

@@ -28,6 +28,9 @@ use crate::error::BenchError;
 
 /// Frames that both sides must have at least.
 const LEAST_FRAMES: usize = 3;
+/// Note on a trajectory in which every other frame has a pose.
+const NO_NEIGHBOURS: &str =
+    "no two neighbouring frames have a pose in the trajectory, so RPE is left out";
 /// Note on a trajectory that no positive scale brings nearer to the reference.
 const AGAINST: &str = "the trajectory runs against the reference: no scale above 0 fits";
 
@@ -98,6 +101,8 @@ pub fn score_poses(scene: &Scene, estimate: &PoseEstimate<'_>) -> Result<PoseSco
         None => scene.scale,
         Some(_) => Scale::Arbitrary,
     };
+    let relative = relative::neighbours(&frames);
+    let no_neighbours = relative.is_none().then(|| NO_NEIGHBOURS.to_owned());
     Ok(PoseScores {
         scene: scene.id.clone(),
         trajectory: estimate.name.to_owned(),
@@ -110,7 +115,7 @@ pub fn score_poses(scene: &Scene, estimate: &PoseEstimate<'_>) -> Result<PoseSco
         scale: alignment.scale,
         ate_rmse: ate_rmse(&frames).filter(|_| !stands),
         ate_rmse_of_thirds: [0, 1, 2].map(thirds),
-        relative: relative::neighbours(&frames),
+        relative,
         auc,
         drift: match stands {
             true => Vec::new(),
@@ -121,6 +126,7 @@ pub fn score_poses(scene: &Scene, estimate: &PoseEstimate<'_>) -> Result<PoseSco
             .into_iter()
             .chain((alignment.scale <= 0.0).then(|| AGAINST.to_owned()))
             .chain(convention)
+            .chain(no_neighbours)
             .collect(),
     })
 }

@@ -105,6 +105,13 @@ fn known_errors_come_back() {
     let last = rigid.drift.last().expect("the whole path");
     assert!(last.parts == 1 && last.translation_share > 0.05, "{last:?}");
 
+    let half: Vec<Option<Pose>> = (truth.iter().enumerate())
+        .map(|(number, pose)| pose.filter(|_| number % 2 == 0))
+        .collect();
+    let scores = scored(&truth, &half, PoseAlignment::Similarity);
+    assert_eq!(scores.relative, None);
+    assert!(scores.notes.iter().any(|note| note.contains("RPE")));
+
     // Cameras that are turned about their own viewing axis in every other frame.
     let rolled: Vec<Option<Pose>> = (truth.iter().enumerate())
         .map(|(number, pose)| {

@@ -113,6 +113,12 @@ pub fn export_tracks(
     let missing = || TracksError::input(&tracks_path, "is missing: curate tracks makes it");
     let tracks = Tracks::beside_split(&scene.id, &request.folder)?.ok_or_else(missing)?;
     let georeference = place(request, &scene, progress)?;
+    let contradiction = georeference
+        .as_ref()
+        .and_then(|place| georeference::scale_note(place.metres_per_unit, tracks.metres_per_unit));
+    if let Some(line) = contradiction {
+        progress.note(&format!("{}: {line}", scene.id));
+    }
     let export = TrackExport {
         scene_folder: &request.scene_folder,
         folder: &request.folder,

@@ -21,6 +21,9 @@ use crate::error::TracksError;
 use similarity::fitted;
 use telemetry::Telemetry;
 
+/// Difference of two scales that is reported: positions of satellites leave a percent over a path of some 100 m.
+const LARGEST_SCALE_DIFFERENCE: f64 = 0.02;
+
 /// Recorded positions of the frames of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedPositions {
@@ -164,4 +167,31 @@ pub fn words(georeference: &Georeference) -> String {
         utm.easting,
         utm.northing
     )
+}
+
+/// Returns a line where tracks have another scale than the place of their scene, metres per unit of the world; `None`
+/// where they agree.
+pub fn scale_note(of_place: f64, of_tracks: f64) -> Option<String> {
+    let ratio = of_tracks / of_place;
+    ((ratio - 1.0).abs() > LARGEST_SCALE_DIFFERENCE).then(|| {
+        format!(
+            "tracks.json has {of_tracks:.4} m per unit, and recorded positions say {of_place:.4}: lengths by it are {:.1} \
+             % too {}; --metres-per-unit {of_place:.4} makes tracks of that scale",
+            100.0 * (ratio - 1.0).abs(),
+            if ratio > 1.0 { "long" } else { "short" }
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scales_that_contradict_each_other_are_reported() {
+        assert_eq!(scale_note(10.0, 10.1), None);
+        let short = scale_note(10.0, 9.0312);
+        assert!(short.is_some_and(|line| line.contains("9.7 % too short")));
+        assert!(scale_note(1.0, 1.1).is_some_and(|line| line.contains("10.0 % too long")));
+    }
 }
