@@ -26,6 +26,7 @@ pub mod poses;
 pub mod protocols;
 pub mod scoring;
 pub mod split;
+mod split_notes;
 pub mod stability_report;
 pub mod tracking;
 pub mod video_consistency;
@@ -56,7 +57,8 @@ pub use paired::{Difference, PairedComparison, StoredResult, WinsAndLosses, comp
 pub use prediction::scored_bytes;
 pub use protocols::{PROTOCOLS, ProtocolEntry};
 pub use scoring::score;
-pub use split::{notes_on_split, split, split_scene, split_scene_under};
+pub use split::{split, split_scene, split_scene_under};
+pub use split_notes::notes_on_split;
 pub use stability_report::{stability_failures, stability_page, write_stability};
 pub use statement::Statement;
 pub use validate::{Finding, ValidationReport, unusable_views, validate};

@@ -1,23 +1,16 @@
 //! Split of a scene's frames into those given to a method and those it must predict.
 
-use std::{collections::BTreeMap, path::Path};
+use std::path::Path;
 
 use omnilife_schemas::{
-    image_file::ImageFile,
     padded_frame::PaddedFrame,
     plain_text,
     records::{Protocol, Resampling, Scene, Split},
-    rgb,
     split_rules::{self, SplitError},
     store::{self, StoreError},
 };
-use rayon::prelude::*;
 
-use crate::{
-    diagnosis::{Look, repeated_frames},
-    error::BenchError,
-    protocols,
-};
+use crate::{error::BenchError, protocols};
 
 /// Prefix of the schemas of all versions.
 const ANY_SPLIT: &str = "omnilife/split/";
@@ -79,54 +72,6 @@ pub fn split_scene_under(
     }
     store::write_record(out, &split)?;
     Ok(split)
-}
-
-/// Returns the lines of [`Split::notes`]. Examines the images of the frames too, for a line on those of a single
-/// colour, which show nothing, and one on those that are unusable for training or scoring.
-///
-/// # Errors
-/// When the `scene.json` cannot be read.
-pub fn notes_on_split(scene: &Path, split: &Split) -> Result<Vec<String>, BenchError> {
-    let record: Scene = store::read_record(scene)?;
-    let frames = [split.input_views.as_slice(), &split.novel_views].concat();
-    let seen: Vec<(u32, Result<(bool, Look), StoreError>)> = frames
-        .par_iter()
-        .filter_map(|&frame| {
-            let file = scene.with_file_name(&record.frames.get(frame as usize)?.image);
-            let seen = ImageFile::open(&file).and_then(|image| {
-                let size = image.size();
-                let rgb = image.decode_plain()?;
-                Ok((rgb::is_single_colour(&rgb), Look::of(&rgb, size)))
-            });
-            Some((frame, seen))
-        })
-        .collect();
-    let single = seen
-        .iter()
-        .filter(|(_, seen)| matches!(seen, Ok((true, _))));
-    let unusable: Vec<&StoreError> = seen
-        .iter()
-        .filter_map(|(_, seen)| seen.as_ref().err())
-        .collect();
-    let looks = seen.iter().filter_map(|(frame, seen)| {
-        let (is_single, look) = seen.as_ref().ok()?;
-        (!is_single).then_some((*frame, look))
-    });
-    let looks: BTreeMap<u32, &Look> = looks.collect();
-    let repeated = repeated_frames(&split.novel_views, &split.input_views, |frame| {
-        looks.get(&frame).copied()
-    });
-    let mut lines = split.notes(&record);
-    lines.extend(repeated.map(|kind| kind.to_string()));
-    lines.extend(without_content(single.map(|(frame, _)| *frame)));
-    lines.extend(unusable.first().map(|first| {
-        format!(
-            "{} of {} images are not usable; the first: {first}",
-            unusable.len(),
-            frames.len()
-        )
-    }));
-    Ok(lines)
 }
 
 /// Returns a line on frames whose ground truth is of a single colour; `None` without any.

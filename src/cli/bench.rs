@@ -104,6 +104,9 @@ pub(crate) enum BenchCommand {
         /// Seed that the commands of the method get.
         #[arg(long, default_value_t = 0, value_parser = numbers::whole::<u64>)]
         seed: u64,
+        /// Ends well where views cannot be scored; their scores have them as failures either way.
+        #[arg(long)]
+        accept_failures: bool,
     },
     /// Records that a method failed on a scene; scored, the record is a row of failures.
     Failed {

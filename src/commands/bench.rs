@@ -70,6 +70,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             split,
             out,
             seed,
+            accept_failures,
         } => {
             termination::take_programs_along()?;
             let run = run_external(
@@ -87,6 +88,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             let label = format!("{} on {}", run.method, run.scene);
             let failure = match run.failure {
                 Some(failure) => Some(format!("the run failed: {failure}")),
+                None if *accept_failures => None,
                 None => {
                     let record = out.join(EXTERNAL_RUN_FILE);
                     unusable(&unusable_views(scene, split, &record, progress)?, progress)

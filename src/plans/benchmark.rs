@@ -441,7 +441,15 @@ impl Work<'_> {
         let common = ["--split", split, "--seed", seed, "--out", run];
         let mut command = match &self.method.kind {
             MethodKind::External(manifest) => {
-                words(&["bench", "external", &argument(manifest)?, "--scene", scene])
+                let manifest = argument(manifest)?;
+                words(&[
+                    "bench",
+                    "external",
+                    "--accept-failures",
+                    &manifest,
+                    "--scene",
+                    scene,
+                ])
             }
             MethodKind::Ours(_, variant) => {
                 let mut command =

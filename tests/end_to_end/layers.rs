@@ -102,6 +102,7 @@ const CURATE: &[&[&str]] = &[
         "motion",
         "opencv_images",
         "projection",
+        "repetitions",
         "sharpness",
         "video_names",
     ],
@@ -110,7 +111,6 @@ const CURATE: &[&[&str]] = &[
         "criteria",
         "origins",
         "overlays",
-        "publish",
         "video_folder",
     ],
     &["sphere_layouts"],
@@ -121,6 +121,7 @@ const CURATE: &[&[&str]] = &[
     &["stills"],
     &["exchange", "inputs", "pipeline"],
     &["annotation", "attrition", "worker"],
+    &["publish"],
     &["audit", "overview"],
     &["dataset"],
 ];
@@ -142,7 +143,7 @@ const BENCH: &[&[&str]] = &[
     &["job"],
     &["frames_table", "memory", "side_by_side", "summary", "truth"],
     &["diagnosis", "loaded_view", "paired"],
-    &["scoring", "validate"],
+    &["scoring", "split_notes", "validate"],
 ];
 const LEADERBOARD: &[&[&str]] = &[
     &[
