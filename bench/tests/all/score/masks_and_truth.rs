@@ -208,7 +208,7 @@ fn ground_truth_that_shows_nothing_is_told() {
     }
 }
 
-/// What repeats a given frame scores there, whatever the method.
+/// Any method that shows what is given scores high there.
 #[test]
 fn novel_frames_that_repeat_given_ones_are_told_by_the_split() {
     let bench = Bench::new();

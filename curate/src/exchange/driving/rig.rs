@@ -131,7 +131,7 @@ mod tests {
         assert!(common.is_some_and(|focal| (focal - 16.0).abs() < 1e-12));
     }
 
-    /// What the narrow camera does not show has no box in the wide one, though that would show it.
+    /// An object beside the narrow image has no box in the wide one, though that would show it.
     #[test]
     fn boxes_end_where_their_image_ends() {
         let cube = |x: f64| OrientedBox {

@@ -97,9 +97,9 @@ pub struct OpenRequest<'a> {
 /// Meaning of the values of a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MapScale {
-    /// Of a velocity map: its maximum, world units per second.
+    /// Maximum of a velocity map, world units per second.
     LargestSpeed(f64),
-    /// Of distances: that of half grey, world units.
+    /// Half grey of a map of distances, world units.
     MiddleDistance(f64),
 }
 
