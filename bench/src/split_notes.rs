@@ -16,6 +16,11 @@ use crate::{
     split::without_content,
 };
 
+struct Seen {
+    is_single_colour: bool,
+    look: Look,
+}
+
 /// Returns the lines of [`Split::notes`]. Examines the images of the frames too, for a line on those of a single
 /// colour, which show nothing, and one on those that are unusable for training or scoring.
 ///
@@ -24,28 +29,31 @@ use crate::{
 pub fn notes_on_split(scene: &Path, split: &Split) -> Result<Vec<String>, BenchError> {
     let record: Scene = store::read_record(scene)?;
     let frames = [split.input_views.as_slice(), &split.novel_views].concat();
-    let seen: Vec<(u32, Result<(bool, Look), StoreError>)> = frames
+    let seen: Vec<(u32, Result<Seen, StoreError>)> = frames
         .par_iter()
         .filter_map(|&frame| {
             let file = scene.with_file_name(&record.frames.get(frame as usize)?.image);
             let seen = ImageFile::open(&file).and_then(|image| {
                 let size = image.size();
                 let rgb = image.decode_plain()?;
-                Ok((rgb::is_single_colour(&rgb), Look::of(&rgb, size)))
+                Ok(Seen {
+                    is_single_colour: rgb::is_single_colour(&rgb),
+                    look: Look::of(&rgb, size),
+                })
             });
             Some((frame, seen))
         })
         .collect();
     let single = seen
         .iter()
-        .filter(|(_, seen)| matches!(seen, Ok((true, _))));
+        .filter(|(_, seen)| seen.as_ref().is_ok_and(|seen| seen.is_single_colour));
     let unusable: Vec<&StoreError> = seen
         .iter()
         .filter_map(|(_, seen)| seen.as_ref().err())
         .collect();
     let looks = seen.iter().filter_map(|(frame, seen)| {
-        let (is_single, look) = seen.as_ref().ok()?;
-        (!is_single).then_some((*frame, look))
+        let seen = seen.as_ref().ok()?;
+        (!seen.is_single_colour).then_some((*frame, &seen.look))
     });
     let looks: BTreeMap<u32, &Look> = looks.collect();
     let repeated = repeated_frames(&split.novel_views, &split.input_views, |frame| {

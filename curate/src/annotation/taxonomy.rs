@@ -186,10 +186,9 @@ mod tests {
             |one| one.scene = None,
             |one| one.action = one.scene.clone(),
             |one| {
-                one.dynamics = one.ego_motion.measured.clone().map(|measured| Measured {
-                    class: "fast".to_owned(),
-                    ..measured
-                })
+                if let Some(measured) = &mut one.dynamics {
+                    "fast".clone_into(&mut measured.class);
+                }
             },
             |one| one.ego_motion.measured = one.dynamics.clone(),
         ];
