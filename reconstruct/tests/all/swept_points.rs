@@ -148,6 +148,36 @@ fn swept_points_lie_on_the_surfaces() {
     );
 }
 
+/// An operator, a constant colour or noise under a mask of ignored pixels give the same points and the same evidence.
+#[test]
+fn ignored_pixels_neither_match_nor_count() {
+    let found = |under: Option<fn(usize) -> u8>| {
+        let mut scene = walk();
+        let hidden = CAMERA.width as usize * 44;
+        for view in &mut scene.input_views {
+            let pixels = (0..view.pixels.len() / 3).map(|pixel| u8::from(pixel >= hidden));
+            view.ignored = Some(pixels.collect());
+            for (at, value) in view.pixels.iter_mut().enumerate().skip(3 * hidden) {
+                *value = under.map_or(*value, |under| under(at + 7919 * view.frame as usize));
+            }
+        }
+        let supported = Supported {
+            default: &[swept_points::ID],
+            optional: &[],
+        };
+        let request = MethodRequest::new(ITERATIONS, 3);
+        let decision = components::complete_points(&mut scene, supported, &request).unwrap();
+        (decision.reason, scene.points.positions)
+    };
+    let as_it_is = found(None);
+    assert!(as_it_is.1.len() > 500, "{}", as_it_is.0);
+    for under in [|_: usize| 200, |at: usize| (at * 2_654_435_761 >> 7) as u8] {
+        let other = found(Some(under));
+        assert_eq!(other.0, as_it_is.0);
+        assert_eq!(other.1, as_it_is.1);
+    }
+}
+
 #[test]
 fn they_can_be_left_out_and_need_parallax() {
     let request = MethodRequest {

@@ -94,14 +94,10 @@ pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptP
     let mut candidates = Vec::new();
     let (mut pixels, mut confirmed) = (0, 0);
     for (number, reference) in references.iter().enumerate() {
-        pixels += reference.depth.confidences.len();
-        let is_confirmed = |confidence: &&f32| **confidence >= LEAST_CONFIDENCE;
-        confirmed += reference
-            .depth
-            .confidences
-            .iter()
-            .filter(is_confirmed)
-            .count();
+        let shown = reference.shown();
+        pixels += shown.len();
+        let is_confirmed = |&&at: &&usize| reference.depth.confidences[at] >= LEAST_CONFIDENCE;
+        confirmed += shown.iter().filter(is_confirmed).count();
         let found = reference.candidates();
         candidates.extend(
             found
@@ -115,7 +111,7 @@ pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptP
         points: thinned(&candidates, maximum, seed),
         pairs: references.len(),
         gap,
-        confirmed: confirmed as f32 / pixels as f32,
+        confirmed: confirmed as f32 / pixels.max(1) as f32,
     })
 }
 
@@ -146,15 +142,12 @@ fn best_gap(scene: &TrainingScene) -> Option<usize> {
             let middle = (views - gap) / 2;
             let reference = Reference::new(scene, middle, gap, TRIAL_WIDTH)?;
             let depth = &reference.depth;
-            let good = depth
-                .inverse_distances
-                .iter()
-                .zip(&depth.confidences)
-                .filter(|(inverse, confidence)| {
-                    **confidence >= LEAST_CONFIDENCE
-                        && reference.parallax(**inverse) >= GOOD_PARALLAX
-                });
-            Some((good.count(), gap))
+            let is_good = |&at: &usize| {
+                depth.confidences[at] >= LEAST_CONFIDENCE
+                    && reference.parallax(depth.inverse_distances[at]) >= GOOD_PARALLAX
+            };
+            let good = reference.shown().into_iter().filter(is_good).count();
+            Some((good, gap))
         });
     // Among equals the smallest gap.
     let (_, gap) = scored.max_by_key(|&(good, gap)| (good, std::cmp::Reverse(gap)))?;
@@ -202,7 +195,7 @@ impl<'a> Reference<'a> {
         };
         let pair = [&views[first], &views[second]];
         let [columns, rows] = scene.camera.size();
-        let images = pair.map(|view| RgbImage::from_rgb8(columns, rows, &view.pixels));
+        let images = pair.map(|view| stereo::searched_image(view, [columns, rows]));
         let placements = pair.map(|view| Placement {
             to_world: view.view.rotation.as_dmat3().transpose(),
             centre: view.view.centre.as_dvec3(),
@@ -215,7 +208,8 @@ impl<'a> Reference<'a> {
         Some(Self {
             view: pair[0],
             camera: ErpCamera::new(depth.width as u32, depth.height as u32),
-            image: images[0].resized_by_area(depth.width, depth.height),
+            image: RgbImage::from_rgb8(columns, rows, &pair[0].pixels)
+                .resized_by_area(depth.width, depth.height),
             depth,
             baseline: rig.baseline as f32,
         })
@@ -266,6 +260,14 @@ impl<'a> Reference<'a> {
             }
         }
         found
+    }
+
+    /// Returns the numbers of the pixels that show the scene and do not move.
+    fn shown(&self) -> Vec<usize> {
+        let width = self.depth.width;
+        (0..self.depth.confidences.len())
+            .filter(|at| !self.hides(at % width, at / width))
+            .collect()
     }
 
     fn hides(&self, column: usize, row: usize) -> bool {

@@ -14,6 +14,7 @@ mod matching;
 pub mod warp;
 
 use glam::{DMat3, DVec3, Mat3, Vec3};
+use omnilife_engine::training_view::TrainingView;
 use omnilife_schemas::RgbImage;
 use omnilife_stereo::RowEnds;
 use serde::Serialize;
@@ -88,6 +89,19 @@ impl Rig {
     pub fn place(&self, world: DVec3) -> Vec3 {
         ((world - self.middle) / self.baseline).as_vec3()
     }
+}
+
+/// Returns a view's image of a size (width, height) for the search, in which ignored pixels are unknown: matches with
+/// them cost the most, whatever they show.
+pub fn searched_image(view: &TrainingView, [width, height]: [usize; 2]) -> RgbImage {
+    let mut image = RgbImage::from_rgb8(width, height, &view.pixels);
+    if view.ignored.is_some() {
+        let pixels = image.data.as_chunks_mut::<3>().0.iter_mut().enumerate();
+        for (_, colour) in pixels.filter(|&(pixel, _)| !view.shows_scene(pixel)) {
+            *colour = [f32::NAN; 3];
+        }
+    }
+    image
 }
 
 /// Estimates the depth of two panoramas of one size by sweeping each against the other. `None` if the cameras

@@ -1,10 +1,7 @@
 //! Sources of the distances of the input views: files, or the sphere sweep.
 
 use omnilife_engine::{camera::View, training_view::TrainingView};
-use omnilife_schemas::{
-    RgbImage,
-    distances::{DistanceImage, EDGE_RATIO},
-};
+use omnilife_schemas::distances::{DistanceImage, EDGE_RATIO};
 
 use super::SourceView;
 use crate::{
@@ -125,8 +122,7 @@ fn swept(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
 fn estimates(scene: &TrainingScene, pairs: &[[usize; 2]]) -> Vec<Vec<(SweptDepth, f64)>> {
     let views = &scene.input_views;
     let mut estimates: Vec<Vec<(SweptDepth, f64)>> = vec![Vec::new(); views.len()];
-    let [width, height] = scene.camera.size();
-    let image = |view: &TrainingView| RgbImage::from_rgb8(width, height, &view.pixels);
+    let image = |view: &TrainingView| stereo::searched_image(view, scene.camera.size());
     for &[first, second] in pairs {
         let of_pair = [&views[first], &views[second]];
         let [a, b] = of_pair.map(image);
