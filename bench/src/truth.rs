@@ -143,8 +143,18 @@ pub(crate) fn mask_notes(job: &ScoringJob, views: &[View]) -> Result<Vec<String>
         let of_regions = sources.flat_map(|source| source.files());
         // An object may be part of several regions.
         let files: BTreeSet<&str> = of_regions.chain(objects).collect();
-        for name in files {
+        for &name in &files {
             survey.add(&job.scene_file(name), camera, MarkedGreys::AboveHalf)?;
+        }
+        if let Some(name) = frame.mask.as_ref().filter(|name| files.contains(&***name)) {
+            survey.add_moving(&job.scene_file(name), camera)?;
+        }
+        for (class, name) in frame
+            .classes
+            .iter()
+            .filter(|(_, name)| files.contains(&***name))
+        {
+            survey.add_of_class(class, &job.scene_file(name), camera)?;
         }
         if let Some(name) = &frame.ignore_mask {
             survey.add_ignored(&job.scene_file(name), camera)?;

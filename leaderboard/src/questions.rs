@@ -8,6 +8,7 @@ use std::{
 use omnilife_results::{Answer, Filter, Query, SceneFacts, Source, TABLES, Table, ask};
 use omnilife_schemas::{
     frame_scores::FRAME_SCORES_FILE,
+    layout::CURVE_FILE,
     records::{Dataset, ResultRecord},
     store,
 };
@@ -55,12 +56,24 @@ pub fn query(request: &QueryRequest) -> Result<Answer, LeaderboardError> {
         filters,
     };
     let mut answer = ask(&query, &sources(&results, &facts))?;
+    if request.table.source_file() == CURVE_FILE {
+        answer.notes.extend(curves_left_out(&results)?);
+    }
     for group in &groups {
         answer.notes.extend(repeats::warnings(group));
         let remarks = layouts::remarks_of(group);
         answer.notes.extend(remarks.diagnoses);
     }
     Ok(answer)
+}
+
+fn curves_left_out(
+    results: &[(PathBuf, ResultRecord)],
+) -> Result<Option<String>, LeaderboardError> {
+    let results = results
+        .iter()
+        .map(|(file, result)| (file.as_path(), result));
+    Ok(omnilife_results::curves_left_out(results)?)
 }
 
 /// Reads a dataset's facts of its scenes; nothing without one.
@@ -98,7 +111,7 @@ pub(crate) fn add_tables(
     facts: &BTreeMap<String, SceneFacts>,
 ) -> Result<Vec<String>, LeaderboardError> {
     let sources = sources(results, facts);
-    let mut notes = Vec::new();
+    let mut notes = Vec::from_iter(curves_left_out(results)?);
     for table in TABLES {
         let written = omnilife_results::write_table(table, &sources)?;
         if let Some(bytes) = written.bytes {

@@ -18,6 +18,30 @@ use crate::{
 /// Share of the sphere above which masks look inverted.
 pub const INVERTED_SHARE: f64 = 0.6;
 
+/// Masks in notes on all of them.
+const MOVING: &str = "masks of moving content";
+const IGNORED: &str = "ignored regions are";
+
+fn of_class(class: &str) -> String {
+    format!("masks of {class}")
+}
+
+/// Returns true for a note on all masks of moving content, which new masks make outdated.
+pub fn is_of_moving(note: &str) -> bool {
+    // The second is that of older records.
+    note.starts_with(MOVING) || note.starts_with("masks mark ")
+}
+
+/// Returns true for a note on all masks of ignored regions.
+pub fn is_of_ignored(note: &str) -> bool {
+    note.starts_with(IGNORED)
+}
+
+/// Returns true for a note on all masks of a class.
+pub fn is_of_class(note: &str, class: &str) -> bool {
+    note.starts_with(&format!("{} mark ", of_class(class)))
+}
+
 /// Surveyed masks.
 #[derive(Debug, Default)]
 pub struct MaskSurvey {
@@ -35,6 +59,8 @@ pub struct MaskSurvey {
     ignored_shares: Vec<f64>,
     /// Share that each frame's mask marks as moving.
     moving_shares: Vec<f64>,
+    /// Share that each frame's mask of a class marks.
+    class_shares: BTreeMap<String, Vec<f64>>,
 }
 
 impl MaskSurvey {
@@ -88,6 +114,32 @@ impl MaskSurvey {
         self.ignored_shares.push(share);
     }
 
+    /// Checks a frame's mask of moving content.
+    ///
+    /// # Errors
+    /// Those of [`MaskSurvey::add`].
+    pub fn add_moving(&mut self, file: &Path, camera: &Camera) -> Result<(), StoreError> {
+        let share = self.add(file, camera, MarkedGreys::AboveHalf)?;
+        self.add_moving_share(share);
+        Ok(())
+    }
+
+    /// Checks a frame's mask of the objects of a class.
+    ///
+    /// # Errors
+    /// Those of [`MaskSurvey::add`].
+    pub fn add_of_class(
+        &mut self,
+        class: &str,
+        file: &Path,
+        camera: &Camera,
+    ) -> Result<(), StoreError> {
+        let share = self.add(file, camera, MarkedGreys::AboveHalf)?;
+        let shares = self.class_shares.entry(class.to_owned()).or_default();
+        shares.push(share);
+        Ok(())
+    }
+
     /// Counts a frame of which a mask marks this share as moving.
     pub fn add_moving_share(&mut self, share: f64) {
         self.moving_shares.push(share);
@@ -128,18 +180,23 @@ impl MaskSurvey {
         let share = median(&self.ignored_shares).filter(|&share| share > INVERTED_SHARE);
         if let Some(share) = share.filter(|_| !is_framed) {
             notes.push(format!(
-                "ignored regions are {:.0} % of what the camera sees (median of {frames} frames): is its mask \
+                "{IGNORED} {:.0} % of what the camera sees (median of {frames} frames): is its mask \
                  inverted? It is white where nothing is to be learned or scored",
                 100.0 * share
             ));
         }
-        if let Some(share) = median(&self.moving_shares).filter(|&share| share > INVERTED_SHARE) {
-            notes.push(format!(
-                "masks mark {:.0} % of what the camera sees as moving (median of {} frames): are black and white \
-                 exchanged?",
-                100.0 * share,
-                self.moving_shares.len()
-            ));
+        let of_classes = self.class_shares.iter();
+        let of_classes = of_classes.map(|(class, shares)| (of_class(class), shares));
+        let all = std::iter::once((MOVING.to_owned(), &self.moving_shares)).chain(of_classes);
+        for (masks, shares) in all {
+            let share = median(shares).filter(|&share| share > INVERTED_SHARE);
+            notes.extend(share.map(|share| {
+                format!(
+                    "{masks} mark {:.0} % of what the camera sees (median of {} frames): are black and white exchanged?",
+                    100.0 * share,
+                    shares.len()
+                )
+            }));
         }
         notes
     }

@@ -12,6 +12,7 @@ use std::{
 use omnilife_schemas::{
     layout::{POINTS_FILE, SCENE_FILE, SEQUENCE_FILE},
     lock::FolderLock,
+    mask_survey::{is_of_class, is_of_ignored, is_of_moving},
     ownership::{OwnFile, OwnFiles},
     plain_text,
     progress::Progress,
@@ -256,8 +257,14 @@ impl Attachment {
                 frame.mask = mask;
             }
             let problems = &mut scene.validation.problems;
-            problems.retain(|line| !line.starts_with(MASKS_BY));
+            problems.retain(|line| !line.starts_with(MASKS_BY) && !is_of_moving(line));
         }
+        let problems = &mut scene.validation.problems;
+        problems.retain(|line| {
+            let mut classes = self.files.classes();
+            !(self.has_ignored && is_of_ignored(line))
+                && !classes.any(|class| is_of_class(line, class))
+        });
         (self.files).stage(staging, folder, &mut scene.frames, size, progress)?;
         if self.has_ignored {
             let ignored = &self.files.ignored;

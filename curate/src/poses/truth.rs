@@ -13,8 +13,7 @@ use omnilife_schemas::{
     camera::Camera,
     image_file::ImageFile,
     layout::{CLASSES_FOLDER, DEPTH_FOLDER},
-    mask_file::MarkedGreys,
-    mask_survey::MaskSurvey,
+    mask_survey::{MaskSurvey, has_shape},
     progress::Progress,
     records::{DepthImage, PoseConvention, SceneFrame},
     rgb,
@@ -209,6 +208,11 @@ impl TruthFiles {
         }
     }
 
+    /// Returns the names of the classes with masks.
+    pub(super) fn classes(&self) -> impl Iterator<Item = &str> {
+        self.classes.keys().map(String::as_str)
+    }
+
     /// Gives a mask to every frame that has none yet.
     pub(super) fn complete_masks(&self, masks: &mut [Option<PathBuf>]) {
         for (mask, given) in masks.iter_mut().zip(self.masks.iter().flatten()) {
@@ -228,11 +232,12 @@ impl TruthFiles {
     ) -> Result<Vec<String>, CurateError> {
         let mut survey = MaskSurvey::default();
         for file in moving.iter().flatten() {
-            let share = survey.add(file, camera, MarkedGreys::AboveHalf)?;
-            survey.add_moving_share(share);
+            survey.add_moving(file, camera)?;
         }
-        for file in self.classes.values().flatten() {
-            survey.add(file, camera, MarkedGreys::AboveHalf)?;
+        for (class, files) in &self.classes {
+            for file in files {
+                survey.add_of_class(class, file, camera)?;
+            }
         }
         for file in self.ignored.given_files() {
             survey.add_ignored(file, camera)?;
@@ -358,6 +363,12 @@ fn write_depth(source: &Path, size: [usize; 2], path: &Path) -> Result<Vec<u16>,
     let malformed = |reason: String| CurateError::input(source, reason);
     let image = ImageFile::open(source)?;
     let given = image.size();
+    if !has_shape(given, size) {
+        return Err(malformed(format!(
+            "must have the shape of the frames, {}x{}, got {}x{} pixels",
+            size[0], size[1], given[0], given[1]
+        )));
+    }
     let values = image.decode_grey16()?;
     let nearest = rgb::nearest_pixels(given, size).map(|index| values[index]);
     let resized: Option<ImageBuffer<Luma<u16>, Vec<u16>>> =

@@ -2,7 +2,7 @@
 
 use std::{io, path::Path};
 
-use omnilife_schemas::{layout::CURVE_FILE, store::StoreError};
+use omnilife_schemas::{layout::CURVE_FILE, plain_text, records::ResultRecord, store::StoreError};
 use serde::Deserialize;
 
 use crate::error::ResultsError;
@@ -18,6 +18,8 @@ pub struct CurvePoint {
     pub iteration: u64,
     /// Primitives of the model, if counted.
     pub primitives: Option<u64>,
+    /// Number of novel views, if it is known.
+    pub novel_views: Option<u32>,
     /// Mean over novel views, dB.
     pub psnr_db: f64,
     /// Mean over novel views.
@@ -54,6 +56,8 @@ struct Row {
     iteration: u64,
     #[serde(default)]
     primitives: Option<u64>,
+    #[serde(default)]
+    novel_views: Option<u32>,
     novel_psnr_db: Option<f64>,
     #[serde(default)]
     novel_ssim: Option<f64>,
@@ -81,11 +85,52 @@ impl Row {
     }
 }
 
-/// Reads the scored rows of the curve beside a result; none without such a file.
+/// Reads the scored rows of the curve beside a result; none without such a file, or if they are of other views than the
+/// result's scores.
 ///
 /// # Errors
 /// [`ResultsError::Store`] when it cannot be read, [`ResultsError::Impossible`] for impossible numbers.
-pub fn read(folder: &Path) -> Result<Vec<CurvePoint>, ResultsError> {
+pub fn read(folder: &Path, result: &ResultRecord) -> Result<Vec<CurvePoint>, ResultsError> {
+    let points = of_any_views(folder)?;
+    let is_partial = points.iter().any(|point| is_of_others(point, result));
+    Ok(if is_partial { Vec::new() } else { points })
+}
+
+/// Returns a line on curves that are left out because they are of other views than the scores of their results; `None`
+/// without any.
+///
+/// # Errors
+/// Those of [`read`].
+pub fn left_out<'a>(
+    results: impl IntoIterator<Item = (&'a Path, &'a ResultRecord)>,
+) -> Result<Option<String>, ResultsError> {
+    let mut names = Vec::new();
+    for (file, result) in results {
+        let points = file.parent().map_or(Ok(Vec::new()), of_any_views)?;
+        let partial = points.iter().find(|point| is_of_others(point, result));
+        let views = partial.and_then(|point| point.novel_views);
+        names.extend(
+            views.map(|views| format!("{} on {} ({views} views)", result.method, result.scene)),
+        );
+    }
+    Ok((!names.is_empty()).then(|| {
+        format!(
+            "curves are left out that are of other views than their scores, by --trace-views of training: {}",
+            plain_text::first_of(&names)
+        )
+    }))
+}
+
+/// Returns true for a score of a curve that is not of as many novel views as the result's. Curves of older versions do
+/// not say how many.
+fn is_of_others(point: &CurvePoint, result: &ResultRecord) -> bool {
+    let scored = result.novel_views.get("psnr");
+    let scored = scored.map(|psnr| psnr.views.saturating_add(psnr.undefined_views));
+    let pair = point.novel_views.filter(|&views| views > 0).zip(scored);
+    pair.is_some_and(|(traced, scored)| traced != scored)
+}
+
+fn of_any_views(folder: &Path) -> Result<Vec<CurvePoint>, ResultsError> {
     let path = folder.join(CURVE_FILE);
     let text = match std::fs::read(&path) {
         Ok(text) => text,
@@ -113,6 +158,7 @@ pub fn read(folder: &Path) -> Result<Vec<CurvePoint>, ResultsError> {
             cpu_seconds: row.cpu_seconds,
             iteration: row.iteration,
             primitives: row.primitives,
+            novel_views: row.novel_views,
             psnr_db,
             ssim: row.novel_ssim,
             lpips_alex: row.novel_lpips_alex,
@@ -130,11 +176,11 @@ mod tests {
     #[test]
     fn curves_have_the_rows_with_a_score() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
-        assert_eq!(read(folder.path())?, []);
+        assert_eq!(of_any_views(folder.path())?, []);
         let text = "wall_seconds,iteration,novel_psnr_db,novel_ssim,more\n\
                     1,10,20,0.5,x\n2,20,,,x\n4,30,23,,x\n";
         std::fs::write(folder.path().join(CURVE_FILE), text)?;
-        let points = read(folder.path())?;
+        let points = of_any_views(folder.path())?;
         let found: Vec<_> = (points.iter())
             .map(|point| (point.seconds, point.iteration, point.psnr_db, point.ssim))
             .collect();
@@ -145,7 +191,7 @@ mod tests {
             folder.path().join(CURVE_FILE),
             "wall_seconds,iteration,novel_psnr_db,novel_lpips_alex\n0,0,12,0.75\n",
         )?;
-        let points = read(folder.path())?;
+        let points = of_any_views(folder.path())?;
         assert_eq!((points[0].seconds, points[0].iteration), (0.0, 0));
         let scores: Vec<_> = points[0].scores().collect();
         assert_eq!(
@@ -156,7 +202,7 @@ mod tests {
             folder.path().join(CURVE_FILE),
             "wall_seconds,iteration,novel_psnr_db\n-1,1,2\n",
         )?;
-        let error = read(folder.path()).map_err(|error| error.to_string());
+        let error = of_any_views(folder.path()).map_err(|error| error.to_string());
         assert!(error.is_err_and(|error| error.contains("curve.csv: iteration 1 has")));
         Ok(())
     }

@@ -20,7 +20,7 @@ mod scene_facts;
 mod source;
 
 pub use columns::{CURVES, OBJECTS, RESULTS, TABLES, Table, VIEWS, table};
-pub use curve::{CurvePoint, read as read_curve};
+pub use curve::{CurvePoint, left_out as curves_left_out, read as read_curve};
 pub use error::ResultsError;
 pub use filter::Filter;
 pub use output::{AnswerFormat, render};

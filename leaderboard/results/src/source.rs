@@ -89,7 +89,8 @@ impl<'a> Source<'a> {
     /// # Errors
     /// Those of [`curve::read`].
     pub(crate) fn curve(&self) -> Result<Vec<CurvePoint>, ResultsError> {
-        self.file.parent().map_or(Ok(Vec::new()), curve::read)
+        let folder = self.file.parent();
+        folder.map_or(Ok(Vec::new()), |folder| curve::read(folder, self.result))
     }
 }
 

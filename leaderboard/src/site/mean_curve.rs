@@ -99,6 +99,7 @@ mod tests {
             psnr_db,
             cpu_seconds: None,
             primitives: None,
+            novel_views: None,
             ssim: None,
             lpips_alex: None,
             psnr_static_db: None,

@@ -92,7 +92,7 @@ impl SiteFiles {
             .map(|(path, result)| {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
                 Ok(SideFiles {
-                    curve: omnilife_results::read_curve(&folder)?,
+                    curve: omnilife_results::read_curve(&folder, result)?,
                     links: links.of_result(&folder, result),
                     scored_at: scored_at(&folder)?,
                     folder,

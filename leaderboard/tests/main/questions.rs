@@ -228,6 +228,26 @@ fn curves_are_asked_by_iteration() {
     assert_eq!(numbers(&answer, "psnr"), [21.0, 20.0, 25.0, 24.0].map(Some));
 }
 
+/// The results are of twelve novel views; curves of one, as `--trace-views 1` leaves them, do not compare with others.
+#[test]
+fn curves_of_other_views_than_the_scores_are_left_out() {
+    let place = Place::with(&[]);
+    for (method, views) in [("a", "12"), ("b", "1"), ("older", "")] {
+        let folder = write(&place.request.results, &result("park", method, 20.0, 0.9));
+        let text = format!("wall_seconds,iteration,novel_views,novel_psnr_db\n1,10,{views},20\n");
+        fs::write(folder.join("curve.csv"), text).unwrap();
+    }
+    let answer = ask(&place, "curves", &[], &["region=whole"]);
+    let mut methods = texts(&answer, "method");
+    methods.sort_unstable();
+    assert_eq!(methods, ["a", "older"]);
+    let of_curves = answer
+        .notes
+        .iter()
+        .filter(|note| note.contains("b on park (1 views)"));
+    assert_eq!(of_curves.count(), 1, "{:?}", answer.notes);
+}
+
 #[test]
 fn incomplete_results_are_left_out_unless_they_are_asked_for() {
     let failed = ResultRecord {

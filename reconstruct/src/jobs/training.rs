@@ -199,7 +199,8 @@ fn warnings(scene: &TrainingScene, split: &Split, outcome: &MethodOutcome<'_>) -
             scene.input_views.len()
         ));
     }
-    if scene.points.is_empty() && outcome.learner.begins_with_points() {
+    let has_samples = outcome.findings.lift.is_some();
+    if scene.points.is_empty() && !has_samples && outcome.learner.begins_with_points() {
         warnings
             .push("the scene has no points; training began from the sky shell alone".to_owned());
     }

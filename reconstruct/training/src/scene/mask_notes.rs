@@ -14,7 +14,7 @@ use omnilife_schemas::{
 use crate::error::ReconstructError;
 
 /// Returns notes on the masks of a split's frames: their detector and its measured reliability, assumptions about their
-/// encoding, and ignored regions that look inverted.
+/// encoding, and masks that look inverted.
 ///
 /// # Errors
 /// When the scene, the split or a mask cannot be read.
@@ -27,8 +27,11 @@ pub fn mask_notes(scene_path: &Path, split_path: &Path) -> Result<Vec<String>, R
     let frames = frames.filter_map(|&frame| scene.frames.get(frame as usize));
     let frames: Vec<&SceneFrame> = frames.collect();
     for entry in &frames {
-        for file in entry.mask.iter().chain(entry.objects.values()) {
+        for file in entry.objects.values() {
             survey.add(&folder.join(file), &scene.camera, MarkedGreys::AboveHalf)?;
+        }
+        if let Some(file) = &entry.mask {
+            survey.add_moving(&folder.join(file), &scene.camera)?;
         }
         if let Some(file) = &entry.ignore_mask {
             survey.add_ignored(&folder.join(file), &scene.camera)?;
@@ -159,8 +162,13 @@ mod tests {
             matches!(&inverted[..], [line] if line.contains("4 frames")),
             "{inverted:?}"
         );
-        // Most of the visible scene may move.
-        assert_eq!(notes(&white(7), &white(2)), [""; 0]);
+        // Half of the visible scene may move; hardly all of it in every frame.
+        assert_eq!(notes(&white(4), &white(2)), [""; 0]);
+        let exchanged = notes(&white(1).inverted(), &white(2));
+        assert!(
+            matches!(&exchanged[..], [line] if line.contains("moving content mark")),
+            "{exchanged:?}"
+        );
         // Masks of a detector are told with what it was measured to be worth.
         let made = at(DYNAMIC_MASKS_FOLDER);
         std::fs::create_dir(&made).unwrap();
