@@ -262,8 +262,9 @@ impl Attachment {
         let problems = &mut scene.validation.problems;
         problems.retain(|line| {
             let mut classes = self.files.classes();
-            !(self.has_ignored && is_of_ignored(line))
-                && !classes.any(|class| is_of_class(line, class))
+            let is_of_earlier = self.has_ignored && is_of_ignored(line)
+                || classes.any(|class| is_of_class(line, class));
+            !is_of_earlier
         });
         (self.files).stage(staging, folder, &mut scene.frames, size, progress)?;
         if self.has_ignored {

@@ -171,7 +171,10 @@ fn ignored_pixels_neither_match_nor_count() {
     };
     let as_it_is = found(None);
     assert!(as_it_is.1.len() > 500, "{}", as_it_is.0);
-    for under in [|_: usize| 200, |at: usize| (at * 2_654_435_761 >> 7) as u8] {
+    for under in [
+        |_: usize| 200,
+        |at: usize| ((at * 2_654_435_761) >> 7) as u8,
+    ] {
         let other = found(Some(under));
         assert_eq!(other.0, as_it_is.0);
         assert_eq!(other.1, as_it_is.1);

@@ -70,15 +70,26 @@ fn a_folder_with_other_names_shows_one_of_them() {
 fn masks_that_mark_most_as_moving_are_told() {
     let temp = tempfile::tempdir().unwrap();
     let scenes = Scenes::new(temp.path(), "colmap");
-    for (name, columns, is_told) in [("few", 100, false), ("most", 200, true)] {
+    let of_scene = || {
+        let scene: Scene = store::read_record(&scenes.imported.join("scene.json")).unwrap();
+        scene.validation.problems
+    };
+    let count = |lines: &[String], words: &str| {
+        lines.iter().filter(|line| line.contains(words)).count()
+    };
+    for (name, columns, told) in [("few", 100, 0), ("most", 200, 1), ("again", 100, 0)] {
+        let masks = scenes.masks(name, columns);
         let given = GivenTruth {
-            masks: Some(scenes.masks(name, columns)),
+            masks: Some(masks.clone()),
+            classes: [("human".to_owned(), masks)].into(),
             ..GivenTruth::default()
         };
         let notes = Notes::default();
         attach(&scenes.imported, None, &given, &notes).unwrap();
-        let notes = notes.take();
-        let found = notes.iter().any(|line| line.contains("as moving"));
-        assert_eq!(found, is_told, "{notes:?}");
+        // New masks take the line on earlier ones along.
+        for lines in [notes.take(), of_scene()] {
+            assert_eq!(count(&lines, "moving content mark"), told, "{name}: {lines:?}");
+            assert_eq!(count(&lines, "masks of human mark"), told, "{name}: {lines:?}");
+        }
     }
 }

@@ -232,12 +232,17 @@ fn masks_that_mark_most_as_moving_are_told() {
             ..ImportRequest::new(&source, "colmap", "foreign", &out)
         };
         let problems = import(&request).unwrap().validation.problems.into_iter();
-        problems.filter(|line| line.contains("as moving")).collect()
+        problems
+            .filter(|line| line.contains("moving content mark"))
+            .collect()
     };
     assert_eq!(lines([255; 3], MaskMeaning::Moving), [""; 0]);
     assert_eq!(lines([0, 255, 255], MaskMeaning::Moving), [""; 0]);
     let found = lines([0, 255, 0], MaskMeaning::Moving);
     assert_eq!(found.len(), 1, "{found:?}");
-    assert!(found[0].starts_with("masks mark 91 %"), "{found:?}");
+    assert!(
+        found[0].starts_with("masks of moving content mark 91 %"),
+        "{found:?}"
+    );
     assert_eq!(lines([0; 3], MaskMeaning::Ignored), [""; 0]);
 }
