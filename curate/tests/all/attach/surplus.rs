@@ -74,9 +74,8 @@ fn masks_that_mark_most_as_moving_are_told() {
         let scene: Scene = store::read_record(&scenes.imported.join("scene.json")).unwrap();
         scene.validation.problems
     };
-    let count = |lines: &[String], words: &str| {
-        lines.iter().filter(|line| line.contains(words)).count()
-    };
+    let count =
+        |lines: &[String], words: &str| lines.iter().filter(|line| line.contains(words)).count();
     for (name, columns, told) in [("few", 100, 0), ("most", 200, 1), ("again", 100, 0)] {
         let masks = scenes.masks(name, columns);
         let given = GivenTruth {
@@ -88,8 +87,16 @@ fn masks_that_mark_most_as_moving_are_told() {
         attach(&scenes.imported, None, &given, &notes).unwrap();
         // New masks take the line on earlier ones along.
         for lines in [notes.take(), of_scene()] {
-            assert_eq!(count(&lines, "moving content mark"), told, "{name}: {lines:?}");
-            assert_eq!(count(&lines, "masks of human mark"), told, "{name}: {lines:?}");
+            assert_eq!(
+                count(&lines, "moving content mark"),
+                told,
+                "{name}: {lines:?}"
+            );
+            assert_eq!(
+                count(&lines, "masks of human mark"),
+                told,
+                "{name}: {lines:?}"
+            );
         }
     }
 }
