@@ -262,22 +262,27 @@ impl<'a> Reference<'a> {
         found
     }
 
-    /// Returns the numbers of the pixels that show the scene and do not move.
+    /// Returns the numbers of the pixels that are not ignored.
     fn shown(&self) -> Vec<usize> {
         let width = self.depth.width;
-        (0..self.depth.confidences.len())
-            .filter(|at| !self.hides(at % width, at / width))
-            .collect()
+        let is_shown = |at: &usize| self.view.shows_scene(self.in_view(at % width, at / width));
+        (0..self.depth.confidences.len()).filter(is_shown).collect()
     }
 
-    fn hides(&self, column: usize, row: usize) -> bool {
-        let masked = self.view.view.camera;
-        let (width, height) = (masked.width() as usize, masked.height() as usize);
+    /// Returns the number of the view's pixel at the middle of one of the depth.
+    fn in_view(&self, column: usize, row: usize) -> usize {
+        let camera = self.view.view.camera;
+        let (width, height) = (camera.width() as usize, camera.height() as usize);
         let at = [
             (2 * column + 1) * width / (2 * self.depth.width),
             (2 * row + 1) * height / (2 * self.depth.height),
         ];
-        let pixel = at[1] * width + at[0];
+        at[1] * width + at[0]
+    }
+
+    /// Returns true for a pixel that is ignored or moves.
+    fn hides(&self, column: usize, row: usize) -> bool {
+        let pixel = self.in_view(column, row);
         let moves = self
             .view
             .mask
