@@ -14,6 +14,7 @@ use omnilife_schemas::{
     image_file::ImageFile,
     layout::{CLASSES_FOLDER, DEPTH_FOLDER},
     mask_survey::{MaskSurvey, has_shape},
+    plain_text,
     progress::Progress,
     records::{DepthImage, PoseConvention, SceneFrame},
     rgb,
@@ -292,6 +293,7 @@ impl TruthFiles {
         refuse_own(class_files, &sequence_folder.join(CLASSES_FOLDER))?;
         if let Some((files, unit)) = &self.depth {
             let (mut unknown, mut saturated) = (Vec::new(), SaturatedFiles::new(*unit));
+            let (mut before, mut repeated) = (Vec::new(), Vec::new());
             for ((number, source), frame) in files.iter().enumerate().zip(frames.iter_mut()) {
                 let file = format!("{DEPTH_FOLDER}/{number:06}.png");
                 let values = write_depth(source, size, &staging.begin(&file)?)?;
@@ -299,9 +301,21 @@ impl TruthFiles {
                     unknown.push(source.as_path());
                 }
                 saturated.add(source, values.iter().map(|&value| value == u16::MAX));
+                if values == before {
+                    repeated.push(source.display().to_string());
+                }
+                before = values;
                 frame.depth = Some(DepthImage { file, unit: *unit });
             }
             tell_unknown_distances(&unknown, files.len(), progress)?;
+            if !repeated.is_empty() {
+                progress.note(&format!(
+                    "{} of {} files of distances repeat the one before them, as of a camera that stands: {}",
+                    repeated.len(),
+                    files.len(),
+                    plain_text::first_of(&repeated)
+                ));
+            }
             saturated.report(progress);
         }
         for (class, files) in &self.classes {

@@ -100,3 +100,41 @@ fn masks_that_mark_most_as_moving_are_told() {
         }
     }
 }
+
+/// One map for all frames is that of a camera that stands; maps of another shape would be stretched.
+#[test]
+fn repeated_distances_are_told_and_other_shapes_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    let scenes = Scenes::new(temp.path(), "colmap");
+    let attached = |size: [u32; 2], is_repeated: bool| {
+        let given = scenes.depth();
+        for frame in 0..FRAMES {
+            let value = if is_repeated {
+                1000
+            } else {
+                1000 + frame as u16
+            };
+            let image = image::ImageBuffer::from_pixel(size[0], size[1], image::Luma([value]));
+            let file = given.folder.join(format!("{frame:06}.png"));
+            image.save(file).unwrap();
+        }
+        let truth = GivenTruth {
+            depth: Some(given),
+            ..GivenTruth::default()
+        };
+        let notes = Notes::default();
+        let ended = attach(&scenes.imported, None, &truth, &notes);
+        ended.map(|_| {
+            notes
+                .take()
+                .iter()
+                .filter(|line| line.contains("repeat the one"))
+                .count()
+        })
+    };
+    assert_eq!(attached([256, 128], false).unwrap(), 0);
+    assert_eq!(attached([256, 128], true).unwrap(), 1);
+    assert_eq!(attached([128, 64], false).unwrap(), 0);
+    let refusal = attached([256, 144], false).unwrap_err().to_string();
+    assert!(refusal.contains("shape of the frames"), "{refusal}");
+}
