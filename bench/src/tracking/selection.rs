@@ -10,7 +10,7 @@ use omnilife_schemas::{
 /// Keeps boxes and tracks of a class.
 ///
 /// # Errors
-/// When there is no box of it; lists the classes that there are.
+/// When it has none; lists the classes that there are.
 pub(super) fn keep_class(tracks: &mut Tracks, class: &str) -> Result<(), String> {
     let classes = classes(&tracks.detections);
     if !classes.contains_key(class) {
@@ -77,7 +77,7 @@ fn listed(classes: &BTreeMap<&str, usize>) -> String {
         .map(|(class, count)| format!("{count} {class}"))
         .collect();
     match classes.is_empty() {
-        true => "no box".to_owned(),
+        true => "none".to_owned(),
         false => classes.join(", "),
     }
 }

@@ -92,7 +92,9 @@ impl Row {
 /// [`ResultsError::Store`] when it cannot be read, [`ResultsError::Impossible`] for impossible numbers.
 pub fn read(folder: &Path, result: &ResultRecord) -> Result<Vec<CurvePoint>, ResultsError> {
     let points = of_any_views(folder)?;
-    let is_partial = points.iter().any(|point| is_of_others(point, result));
+    let is_partial = points
+        .iter()
+        .any(|point| is_of_others(point.novel_views, result));
     Ok(if is_partial { Vec::new() } else { points })
 }
 
@@ -106,9 +108,8 @@ pub fn left_out<'a>(
 ) -> Result<Option<String>, ResultsError> {
     let mut names = Vec::new();
     for (file, result) in results {
-        let points = file.parent().map_or(Ok(Vec::new()), of_any_views)?;
-        let partial = points.iter().find(|point| is_of_others(point, result));
-        let views = partial.and_then(|point| point.novel_views);
+        let traced = file.parent().map_or(Ok(None), traced_views)?;
+        let views = traced.filter(|&views| is_of_others(Some(views), result));
         names.extend(
             views.map(|views| format!("{} on {} ({views} views)", result.method, result.scene)),
         );
@@ -121,13 +122,28 @@ pub fn left_out<'a>(
     }))
 }
 
-/// Returns true for a score of a curve that is not of as many novel views as the result's. Curves of older versions do
-/// not say how many.
-fn is_of_others(point: &CurvePoint, result: &ResultRecord) -> bool {
+/// Returns true for a curve that is not of as many novel views as the result's scores. Curves of older versions do not say
+/// how many.
+fn is_of_others(traced: Option<u32>, result: &ResultRecord) -> bool {
     let scored = result.novel_views.get("psnr");
     let scored = scored.map(|psnr| psnr.views.saturating_add(psnr.undefined_views));
-    let pair = point.novel_views.filter(|&views| views > 0).zip(scored);
+    let pair = traced.filter(|&views| views > 0).zip(scored);
     pair.is_some_and(|(traced, scored)| traced != scored)
+}
+
+/// Returns the number of novel views of the curve beside a result, which all of its rows have; reads the first alone.
+fn traced_views(folder: &Path) -> Result<Option<u32>, ResultsError> {
+    let path = folder.join(CURVE_FILE);
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let impossible = |error: csv::Error| ResultsError::Impossible {
+        path: path.clone(),
+        reason: error.to_string(),
+    };
+    let mut table = csv::Reader::from_path(&path).map_err(impossible)?;
+    let first = table.deserialize::<Row>().next().transpose();
+    Ok(first.map_err(impossible)?.and_then(|row| row.novel_views))
 }
 
 fn of_any_views(folder: &Path) -> Result<Vec<CurvePoint>, ResultsError> {

@@ -13,6 +13,7 @@ pub mod dataset;
 pub mod dataset_status;
 pub mod dense;
 pub mod external_run;
+pub mod frame_set;
 pub mod georeference;
 pub mod ledger;
 pub mod lift;
@@ -56,6 +57,7 @@ pub use dataset_status::{
 };
 pub use dense::{DenseFrame, DenseStereo};
 pub use external_run::{ExternalRun, Phase, PhaseName};
+pub use frame_set::{FrameEntry, FrameSet, Sampling, SharpFrame, SharpFrames};
 pub use georeference::{GeoFix, GeoPoint, GeoResiduals, Georeference, UtmPoint};
 pub use ledger::{
     AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry, PersonRole, SegmentLabel,
@@ -85,9 +87,8 @@ pub use scene::{
 };
 pub use scoring::ScoringRecord;
 pub use sequence::{
-    Admission, CheckOutcome, DetectedProjection, Evidence, FrameEntry, FrameSet, Probe, Sampling,
-    Sequence, SharpFrame, SharpFrames, SourceVideo, SphereTurn, SphericalMetadata, TimeRange,
-    VideoProjection,
+    Admission, CheckOutcome, DetectedProjection, Evidence, Probe, Sequence, SourceVideo,
+    SphereTurn, SphericalMetadata, TimeRange, VideoProjection,
 };
 pub use sfm::{HeldOutScore, SfmAttempt, SfmReport};
 pub use slices::{Segment, SegmentOutcome, SliceFile, SliceMethod, Slices};
