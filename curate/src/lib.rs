@@ -30,6 +30,7 @@ mod opencv_images;
 pub mod origins;
 pub mod overlays;
 pub mod overview;
+mod parquet_pages;
 pub mod pipeline;
 pub mod poses;
 pub mod projection;

@@ -208,9 +208,6 @@ impl From<MasksMark> for MaskMeaning {
 }
 
 fn parse_format(text: &str) -> Result<String, String> {
-    if let Some(reason) = exchange::driving::unread_layout(text) {
-        return Err(reason);
-    }
     one_of(text, exchange::FORMATS.iter())
 }
 

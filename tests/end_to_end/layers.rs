@@ -101,6 +101,7 @@ const CURATE: &[&[&str]] = &[
         "libraries",
         "motion",
         "opencv_images",
+        "parquet_pages",
         "projection",
         "repetitions",
         "sharpness",

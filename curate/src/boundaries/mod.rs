@@ -11,7 +11,6 @@
 mod descriptor;
 pub mod histogram;
 pub mod indoor_outdoor;
-mod parquet_pages;
 pub mod signals;
 pub mod transnetv2;
 

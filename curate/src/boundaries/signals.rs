@@ -4,9 +4,9 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::{fs::File, io, path::Path, sync::Arc};
+use std::{fs::File, path::Path, sync::Arc};
 
-use omnilife_schemas::{foreign_code::guarded, store};
+use omnilife_schemas::store;
 use parquet::{
     basic::{Compression, Repetition, Type as PhysicalType, ZstdLevel},
     column::reader::{ColumnReader, ColumnReaderImpl, get_column_reader},
@@ -21,8 +21,10 @@ use parquet::{
     schema::types::Type,
 };
 
-use super::parquet_pages::BoundedPages;
-use crate::error::CurateError;
+use crate::{
+    error::CurateError,
+    parquet_pages::{self, BoundedPages, ValuesLeft},
+};
 
 /// Name of the column of timestamps.
 const TIME: &str = "time_seconds";
@@ -81,18 +83,7 @@ impl Signals {
         let malformed =
             |reason: String| CurateError::Store(store::StoreError::malformed(path, reason));
         let file = File::open(path).map_err(|source| store::StoreError::read(path, source))?;
-        let not_a_table =
-            |reason: String| malformed(format!("not a Parquet table of signals: {reason}"));
-        let signals = guarded(|| Self::of_parquet(file))
-            .map_err(not_a_table)?
-            .map_err(|error| match error {
-                // Machine faults, such as too many open files, are not faults of the file.
-                ParquetError::External(source) => match source.downcast::<io::Error>() {
-                    Ok(source) => store::StoreError::read(path, *source).into(),
-                    Err(other) => not_a_table(other.to_string()),
-                },
-                other => not_a_table(other.to_string()),
-            })?;
+        let signals = parquet_pages::reading(path, "signals", || Self::of_parquet(file))?;
         if signals.times.is_empty() {
             return Err(malformed(format!("has no rows in a column {TIME}")));
         }
@@ -136,7 +127,10 @@ impl Signals {
                 .map_err(|error| ParquetError::General(error.to_string()))?;
             for (at, column) in rows.metadata().columns().iter().enumerate() {
                 let name = column.column_path().string();
-                let pages = BoundedPages::new(rows.get_column_page_reader(at)?, MOST_ROWS as u32);
+                let pages = BoundedPages::new(
+                    rows.get_column_page_reader(at)?,
+                    ValuesLeft::new(MOST_ROWS as usize),
+                );
                 match get_column_reader(column.column_descr_ptr(), Box::new(pages)) {
                     ColumnReader::DoubleColumnReader(column) if name == TIME => {
                         read_column(column, count, &mut signals.times)?;

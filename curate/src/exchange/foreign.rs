@@ -3,6 +3,7 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use omnilife_schemas::{
@@ -13,6 +14,7 @@ use omnilife_schemas::{
     records::{PoseSource, Scale, SceneObject},
     store::StoreError,
 };
+use tempfile::TempDir;
 
 use super::{ForeignDistance, ForeignSplit, MaskMeaning, driving::Drive};
 use crate::{poses::frame_camera::FrameCamera, stills::Still};
@@ -50,6 +52,9 @@ pub struct ForeignScene {
     pub(crate) stills_note: String,
     /// Names, times, boxes and distances of the frames of a drive, and paths of moving objects.
     pub(crate) drive: Option<Drive>,
+    /// Folder of the images, where the format has no files of them; it is removed with the last copy of the scene.
+    #[expect(dead_code, reason = "it keeps the folder")]
+    pub(crate) unpacked: Option<Arc<TempDir>>,
     /// Lines on decisions and omissions of the reader.
     pub notes: Vec<String>,
 }
@@ -73,6 +78,7 @@ impl ForeignScene {
             stills: BTreeMap::new(),
             stills_note: String::new(),
             drive: None,
+            unpacked: None,
             notes: Vec::new(),
         }
     }

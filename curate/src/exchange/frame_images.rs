@@ -15,7 +15,10 @@ use omnilife_schemas::{
     store,
 };
 
-use super::{ForeignFrame, FramePixels, driving};
+use super::{
+    ForeignFrame, FramePixels,
+    driving::{self, OwnCamera},
+};
 use crate::{
     error::CurateError,
     poses::lens::Straightening,
@@ -48,7 +51,7 @@ impl FrameImage {
     pub(super) fn resampled(
         frame: &ForeignFrame,
         name: &str,
-        (own, common): (&PinholeCamera, &PinholeCamera),
+        (own, common): (&OwnCamera, &PinholeCamera),
         out: &Path,
     ) -> Result<Self, CurateError> {
         let (image, outside) = driving::resampled(&RgbImage::read(&frame.image)?, own, common);

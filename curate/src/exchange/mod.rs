@@ -109,6 +109,7 @@ pub const FORMATS: &[Format] = &[
     panoramas::FORMAT,
     driving::kitti::FORMAT,
     driving::nuscenes::FORMAT,
+    driving::waymo::FORMAT,
 ];
 
 /// Returns the formats that can be exported.
@@ -119,11 +120,8 @@ pub fn written_formats() -> impl Iterator<Item = &'static Format> {
 /// Looks a format up by its name.
 ///
 /// # Errors
-/// [`CurateError::Input`] that lists the formats, for an unknown name, and for a layout that is known and not read.
+/// [`CurateError::Input`] that lists the formats, for an unknown name.
 pub fn format(id: &str, folder: &Path) -> Result<&'static Format, CurateError> {
-    if let Some(reason) = driving::unread_layout(id) {
-        return Err(CurateError::input(folder, reason));
-    }
     names::find("format", id, FORMATS, |format| format.id)
         .map_err(|unknown| CurateError::input(folder, unknown.to_string()))
 }

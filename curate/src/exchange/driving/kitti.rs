@@ -112,7 +112,10 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
                 moment: frame,
             });
         }
-        cameras.push(RigCamera { name, camera });
+        cameras.push(RigCamera {
+            name,
+            camera: camera.into(),
+        });
     }
     let mut notes = vec![format!(
         "times count {RATE} frames per second, at which the sequences are synchronized; a LiDAR sweep counts as taken at \

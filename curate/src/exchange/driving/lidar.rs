@@ -19,7 +19,10 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{objects, rig};
+use super::{
+    objects,
+    rig::{self, OwnCamera},
+};
 
 /// Side of the cells of which each keeps one point, metres.
 const CELL_METRES: f64 = 0.1;
@@ -69,7 +72,7 @@ fn points_of(bytes: &[u8], values: usize) -> Result<Vec<DVec3>, String> {
 /// An image of the moment of a sweep.
 pub(super) struct SweepView {
     image: ShownImage,
-    own: PinholeCamera,
+    own: OwnCamera,
     common: PinholeCamera,
     to_camera: DMat3,
     centre: DVec3,
@@ -84,10 +87,10 @@ impl SweepView {
     /// When the image is damaged, or not of the camera's size.
     pub(super) fn open(
         image: &Path,
-        (own, common): (PinholeCamera, PinholeCamera),
+        (own, common): (OwnCamera, PinholeCamera),
         (to_world, centre): (DMat3, DVec3),
     ) -> Result<Self, StoreError> {
-        let size = [own.width as usize, own.height as usize];
+        let size = own.size();
         Ok(Self {
             image: ImageFile::open(image)?.expect_size(size)?.decode_shown()?,
             own,
@@ -111,9 +114,9 @@ impl SweepView {
             return None;
         }
         let local = self.to_camera * to_point;
-        let pixel = self.own.project(local)?;
+        let pixel = self.own.place(local)?;
         let shown = self.common.project(local)?;
-        if !rig::holds(&self.own, pixel) || !rig::holds(&self.common, shown) {
+        if !rig::holds(&self.common, shown) {
             return None;
         }
         let number = |width: u32, pixel: DVec2| {
@@ -127,7 +130,7 @@ impl SweepView {
             .or_insert(distance);
         *nearest = nearest.min(distance);
         let (colours, _) = self.image.rgb.as_chunks::<3>();
-        let place = number(self.own.width, pixel) as usize;
+        let place = number(self.own.straight.width, pixel) as usize;
         colours.get(place).copied()
     }
 }
@@ -242,7 +245,7 @@ mod tests {
         };
         let view = SweepView {
             image,
-            own: camera,
+            own: camera.into(),
             common: camera,
             to_camera: DMat3::IDENTITY,
             centre: DVec3::ZERO,

@@ -18,6 +18,7 @@ mod record;
 mod rig;
 mod rigid;
 mod table;
+pub mod waymo;
 
 use std::{
     collections::BTreeMap,
@@ -32,7 +33,7 @@ use omnilife_schemas::{
     records::{Scale, SceneObject, Track},
 };
 
-pub(super) use rig::resampled;
+pub(super) use rig::{OwnCamera, resampled};
 
 use self::{
     lidar::{StaticPoints, SweepView},
@@ -72,7 +73,7 @@ struct Layout<'a> {
 
 struct RigCamera {
     name: String,
-    camera: PinholeCamera,
+    camera: OwnCamera,
 }
 
 struct RigImage {
@@ -99,7 +100,9 @@ impl Layout<'_> {
     /// # Errors
     /// When it has no camera, an image or a sweep cannot be read, or the path of an object overflows.
     fn scene(self) -> Result<ForeignScene, CurateError> {
-        let cameras: Vec<PinholeCamera> = self.cameras.iter().map(|one| one.camera).collect();
+        let cameras: Vec<PinholeCamera> = (self.cameras.iter())
+            .map(|one| one.camera.straight)
+            .collect();
         let common = (rig::common_camera(&cameras))
             .ok_or_else(|| CurateError::input(self.root, "must have a camera, got none"))?;
         let mut moving = MovingObjects::of(&self.objects, self.label_reach_seconds);
@@ -189,12 +192,13 @@ impl Layout<'_> {
         let boxes = tracks.iter().filter_map(|track| {
             let of_track = objects::box_at(track, image.seconds)?;
             // What the image shows, not what the wider camera of the scene would.
-            let of_image = objects::projected(&of_track.in_camera(to_world, centre), camera)?;
-            let shown = rig::moved_box(of_image, camera, &common)?;
+            let of_image =
+                objects::projected(&of_track.in_camera(to_world, centre), &camera.straight)?;
+            let shown = rig::moved_box(of_image, &camera.straight, &common)?;
             Some((track.id.to_string(), shown))
         });
         let own = file_name(&image.file.to_string_lossy());
-        let is_kept = *camera == common;
+        let is_kept = *camera == OwnCamera::from(common);
         let extension = if is_kept {
             own.rsplit('.').next()
         } else {
@@ -203,7 +207,7 @@ impl Layout<'_> {
         Ok(DriveView {
             name: format!("{name}_{}.{}", stem(&own), extension.unwrap_or("png")),
             seconds: image.seconds,
-            size: [camera.width as usize, camera.height as usize],
+            size: camera.size(),
             own_camera: (!is_kept).then_some(*camera),
             boxes: boxes.collect(),
             ranges: BTreeMap::new(),
@@ -255,9 +259,10 @@ fn axes_of(image: &RigImage) -> Result<(DMat3, glam::DVec3), CurateError> {
 
 /// Returns a line on every camera whose images are resampled.
 fn resampling_notes(cameras: &[RigCamera], common: &PinholeCamera) -> Vec<String> {
-    let resampled = cameras.iter().filter(|one| one.camera != *common);
+    let resampled = (cameras.iter()).filter(|one| one.camera.straight != *common);
     resampled
         .map(|RigCamera { name, camera }| {
+            let camera = camera.straight;
             format!(
                 "{name} is resampled to the camera of the scene, {:.1} instead of {:.1} pixels of focal length: {:.0} % \
                  of its resolution; a sequence of this camera alone keeps all",
@@ -278,15 +283,4 @@ fn parts_left_out(root: &Path, parts: &[(&str, &str)]) -> Vec<String> {
     left_out::line(&names, "parts that are not read")
         .into_iter()
         .collect()
-}
-
-/// Returns why a layout that is known by its name is not read; `None` for other names.
-pub fn unread_layout(id: &str) -> Option<String> {
-    (id == "waymo").then(|| {
-        format!(
-            "the layout of a drive must be {} or {}; Waymo's parquet tables (waymo) are not read",
-            kitti::FORMAT.id,
-            nuscenes::FORMAT.id
-        )
-    })
 }

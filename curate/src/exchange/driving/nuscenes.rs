@@ -277,14 +277,14 @@ impl<'a> Reader<'a> {
             let there = cameras.iter().position(|one| one.name == sensor.channel);
             let number = there.unwrap_or(cameras.len());
             match cameras.get(number) {
-                Some(known) if known.camera != camera => {
+                Some(known) if known.camera != camera.into() => {
                     let reason = format!("must have one calibration of {} in a scene", known.name);
                     return Err(self.fault("calibrated_sensor", reason));
                 }
                 Some(_) => {}
                 None => cameras.push(RigCamera {
                     name: sensor.channel.clone(),
-                    camera,
+                    camera: camera.into(),
                 }),
             }
             images.push(RigImage {

@@ -6,14 +6,14 @@ use std::{collections::BTreeMap, io, path::Path};
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use omnilife_schemas::{
     Pose,
-    camera::{Camera, PinholeCamera},
+    camera::Camera,
     elapsed::Elapsed,
     layout::DEPTH_PRIOR_FOLDER,
     records::{DepthPrior, Detection, DistanceConvention, Scene, TrackStage, Tracks},
     store::{self, StoreError},
 };
 
-use super::{Drive, objects};
+use super::{Drive, objects, rig::OwnCamera};
 
 /// Step of a distance in a file, metres.
 const STEP_METRES: f64 = 1.0 / 256.0;
@@ -32,7 +32,7 @@ pub(crate) struct DriveView {
     /// Width and height of its image, pixels.
     pub(crate) size: [usize; 2],
     /// Camera of its image, from which it is resampled to that of the scene; `None` if they are the same.
-    pub(crate) own_camera: Option<PinholeCamera>,
+    pub(crate) own_camera: Option<OwnCamera>,
     /// Boxes of moving objects, by the ids of their tracks: left, top, width and height, pixels of the scene's camera.
     pub(crate) boxes: BTreeMap<String, [f64; 4]>,
     /// Steps of distance along the rays, by the pixel's number.

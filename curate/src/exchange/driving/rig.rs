@@ -4,7 +4,7 @@
 //! a scale and a shift alone, so this is exact but for interpolation. The common camera has square pixels, a centred
 //! principal point and the shortest focal length at which every pixel of every camera is in the image.
 
-use glam::dvec2;
+use glam::{DVec2, DVec3, dvec2};
 use omnilife_schemas::{
     RgbImage,
     camera::{CameraModel, PinholeCamera},
@@ -13,6 +13,54 @@ use omnilife_schemas::{
 };
 
 use super::objects;
+use crate::poses::{frame_camera::FrameCamera, lens::Lens};
+
+/// The camera of image files, with the lens that is removed from them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct OwnCamera {
+    /// The camera without its lens; all that it shows is in the files.
+    pub(crate) straight: PinholeCamera,
+    lens: Option<Lens>,
+}
+
+impl From<PinholeCamera> for OwnCamera {
+    fn from(straight: PinholeCamera) -> Self {
+        Self {
+            straight,
+            lens: None,
+        }
+    }
+}
+
+impl OwnCamera {
+    /// Returns the camera of files of `camera`, as `shown` has its lens.
+    pub(super) fn of(camera: PinholeCamera, shown: &FrameCamera) -> Self {
+        match shown {
+            FrameCamera::Distorted { lens, straight } => Self {
+                straight: *straight,
+                lens: Some(*lens),
+            },
+            FrameCamera::Straight(_) | FrameCamera::Weak(_) => camera.into(),
+        }
+    }
+
+    /// Returns width and height of the files, pixels.
+    pub(super) fn size(&self) -> [usize; 2] {
+        [self.straight.width as usize, self.straight.height as usize]
+    }
+
+    /// Returns the place in a file, pixels, of a direction in the camera's frame; `None` where it is not shown.
+    pub(super) fn place(&self, ray: DVec3) -> Option<DVec2> {
+        let shown = self
+            .straight
+            .project(ray)
+            .filter(|&pixel| holds(&self.straight, pixel))?;
+        let Some(lens) = &self.lens else {
+            return Some(shown);
+        };
+        Some(lens.source(&self.straight, shown)).filter(|&pixel| holds(&lens.camera, pixel))
+    }
+}
 
 /// Returns the camera that shows every pixel of all cameras: their own where they are equal; `None` without cameras.
 pub(super) fn common_camera(cameras: &[PinholeCamera]) -> Option<PinholeCamera> {
@@ -44,7 +92,7 @@ pub(super) fn common_camera(cameras: &[PinholeCamera]) -> Option<PinholeCamera> 
 }
 
 /// Returns true where a position is in an image of the camera.
-pub(super) fn holds(camera: &PinholeCamera, pixel: glam::DVec2) -> bool {
+pub(super) fn holds(camera: &PinholeCamera, pixel: DVec2) -> bool {
     let [width, height] = [f64::from(camera.width), f64::from(camera.height)];
     (0.0..width).contains(&pixel.x) && (0.0..height).contains(&pixel.y)
 }
@@ -67,11 +115,11 @@ pub(super) fn moved_box(
     is_shown.then_some(moved)
 }
 
-/// Returns an image of the camera `own` as `common`, at the same place, shows it, and a mask of the pixels that it does
+/// Returns an image of the camera `own` without its lens, as `common`, at the same place, shows it, and a mask of the pixels that it does
 /// not show (255), which are black.
 pub(crate) fn resampled(
     image: &RgbImage,
-    own: &PinholeCamera,
+    own: &OwnCamera,
     common: &PinholeCamera,
 ) -> (RgbImage, Mask) {
     let [width, height] = [common.width as usize, common.height as usize];
@@ -88,7 +136,7 @@ pub(crate) fn resampled(
     for (row, (colours, marks)) in rows.enumerate() {
         for (column, (colour, mark)) in colours.iter_mut().zip(marks).enumerate() {
             let ray = common.unproject(dvec2(column as f64 + 0.5, row as f64 + 0.5));
-            match own.project(ray).filter(|&pixel| holds(own, pixel)) {
+            match own.place(ray) {
                 Some(pixel) => *colour = image.sample(pixel, Edges::Repeated),
                 None => *mark = 255,
             }
@@ -99,7 +147,7 @@ pub(crate) fn resampled(
 
 #[cfg(test)]
 mod tests {
-    use glam::{DMat3, DVec3, DVec4, dvec3, vec4};
+    use glam::{DMat3, DVec4, dvec3, vec4};
     use omnilife_schemas::oriented_box::OrientedBox;
 
     use super::*;
@@ -160,7 +208,7 @@ mod tests {
         for (pixel, colour) in image.data.as_chunks_mut::<3>().0.iter_mut().enumerate() {
             *colour = [((pixel % 40) as f32 + 0.5) / 40.0; 3];
         }
-        let (shown, outside) = resampled(&image, &NARROW, &WIDE);
+        let (shown, outside) = resampled(&image, &NARROW.into(), &WIDE);
         let (mut inside, mut marked) = (0, 0);
         for pixel in 0..800 {
             let (column, row) = (pixel % 40, pixel / 40);

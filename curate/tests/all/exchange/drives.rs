@@ -1,4 +1,6 @@
-//! Drives: the rendered street of `scripts/fixtures/drive.py` in both layouts, compared with its truth.
+//! Drives: the rendered street of `scripts/fixtures/drive.py` in all layouts, compared with its truth.
+
+mod waymo;
 
 use std::path::PathBuf;
 
@@ -65,8 +67,8 @@ fn fixture() -> PathBuf {
 
 fn truth(layout: &str) -> Truth {
     let text = fs::read_to_string(fixture().join("truth.json")).unwrap();
-    let all: Value = serde_json::from_str(&text).unwrap();
-    serde_json::from_value(all[layout].clone()).unwrap()
+    let mut all: Value = serde_json::from_str(&text).unwrap();
+    serde_json::from_value(all[layout].take()).unwrap()
 }
 
 fn imported(folder: &Path, format: &str, out: &Path) -> Result<Scene, CurateError> {
@@ -314,7 +316,7 @@ fn a_path_names_the_sequence_and_the_cameras() {
         ("nuscenes/scene-0061/CAM_TOP", "nuscenes", "CAM_TOP"),
         ("nuscenes", "kitti-tracking", "calib/"),
         ("kitti", "nuscenes", "v1.0-"),
-        ("kitti", "waymo", "kitti-tracking or nuscenes"),
+        ("kitti", "waymo", "camera_image/"),
     ] {
         let out = tempfile::tempdir().unwrap();
         let found = imported(&fixture().join(path), format, &out.path().join("out"));
@@ -337,7 +339,7 @@ fn copy(from: &Path, to: &Path) {
 }
 
 /// A change of a file of a layout, and words of the error: what must hold, and the file.
-type Fault = (&'static str, fn(Vec<u8>) -> Vec<u8>, [&'static str; 2]);
+type Fault<'a> = (&'a str, fn(Vec<u8>) -> Vec<u8>, [&'static str; 2]);
 
 fn replaced(bytes: Vec<u8>, from: &str, to: &str) -> Vec<u8> {
     let text = String::from_utf8(bytes).unwrap();
@@ -356,7 +358,7 @@ fn with_nan(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-fn assert_refused(layout: &str, format: &str, faults: &[Fault]) {
+fn assert_refused(layout: &str, format: &str, faults: &[Fault<'_>]) {
     for (file, change, told) in faults {
         let temp = tempfile::tempdir().unwrap();
         let (folder, out) = (temp.path().join("in"), temp.path().join("out"));
@@ -381,7 +383,7 @@ fn assert_refused(layout: &str, format: &str, faults: &[Fault]) {
 
 #[test]
 fn damaged_files_of_kitti_are_refused_with_their_place() {
-    let faults: &[Fault] = &[
+    let faults: &[Fault<'_>] = &[
         (
             "calib/0003.txt",
             |bytes| replaced(bytes, "Tr_velo_cam", "Tr_x"),
@@ -432,7 +434,7 @@ fn damaged_files_of_nuscenes_are_refused_with_their_place() {
         "v1.0-mini/sample_annotation.json",
     ];
     let [sample, ego, sensor, annotation] = TABLES;
-    let faults: &[Fault] = &[
+    let faults: &[Fault<'_>] = &[
         (
             sample,
             |bytes| replaced(bytes, "1532402927500000", "1532402926500000"),
