@@ -46,6 +46,13 @@ pub(crate) const DRIVES: &[Target] = &[
         seeds: |folder| seeds(folder, "nuscenes"),
         reader: Folder(|input, _| import(input, "nuscenes")),
     },
+    Target {
+        id: "waymo",
+        words: &["PAR1", "[LiDARComponent]", "key.camera_name", "\0\0\0\0", "\u{7f}"],
+        cost: 10,
+        seeds: |folder| seeds(folder, "waymo"),
+        reader: Folder(|input, _| import(input, "waymo")),
+    },
 ];
 
 /// Copies a layout to `in`; returns its files but images.
