@@ -48,7 +48,13 @@ pub(crate) const DRIVES: &[Target] = &[
     },
     Target {
         id: "waymo",
-        words: &["PAR1", "[LiDARComponent]", "key.camera_name", "\0\0\0\0", "\u{7f}"],
+        words: &[
+            "PAR1",
+            "[LiDARComponent]",
+            "key.camera_name",
+            "\0\0\0\0",
+            "\u{7f}",
+        ],
         cost: 10,
         seeds: |folder| seeds(folder, "waymo"),
         reader: Folder(|input, _| import(input, "waymo")),

@@ -88,36 +88,38 @@ fn one_camera_of_waymo_keeps_its_resolution_and_loses_its_lens() {
 
 #[test]
 fn damaged_tables_of_waymo_are_refused_with_their_place() {
-    let no_table = |bytes: Vec<u8>| bytes[..bytes.len() / 2].to_vec();
-    let other = |_| fs::read(fixture().join("waymo").join(table("lidar_box"))).unwrap();
-    let faults: Vec<(String, fn(Vec<u8>) -> Vec<u8>, [&str; 2])> = vec![
+    let paths = [
+        "vehicle_pose",
+        "camera_calibration",
+        "lidar_calibration",
+        "camera_image",
+        "lidar",
+        "lidar_pose",
+    ]
+    .map(table);
+    let [pose, camera, beams, image, lidar, pixels] = paths.each_ref().map(String::as_str);
+    let faults: &[Fault<'_>] = &[
+        (pose, |_| Vec::new(), ["vehicle_pose", SEGMENT]),
+        (camera, |_| Vec::new(), ["camera_calibration", SEGMENT]),
+        (beams, |_| Vec::new(), ["lidar_calibration", SEGMENT]),
+        (image, halved, ["Parquet", "camera_image"]),
+        (lidar, halved, ["Parquet", "lidar"]),
         (
-            table("vehicle_pose"),
-            |_| Vec::new(),
-            ["vehicle_pose", SEGMENT],
-        ),
-        (
-            table("camera_calibration"),
-            |_| Vec::new(),
-            ["camera_calibration", SEGMENT],
-        ),
-        (
-            table("lidar_calibration"),
-            |_| Vec::new(),
-            ["lidar_calibration", SEGMENT],
-        ),
-        (table("camera_image"), no_table, ["Parquet", "camera_image"]),
-        (table("lidar"), no_table, ["Parquet", "lidar"]),
-        (
-            table("vehicle_pose"),
-            other,
+            pose,
+            boxes_in_its_place,
             ["[VehiclePoseComponent]", "vehicle_pose"],
         ),
-        (table("lidar_pose"), other, ["laser_name", "lidar_pose"]),
+        (pixels, boxes_in_its_place, ["laser_name", "lidar_pose"]),
     ];
-    for (file, change, told) in &faults {
-        assert_refused("waymo", "waymo", &[(file, *change, *told)]);
-    }
+    assert_refused("waymo", "waymo", faults);
+}
+
+fn halved(bytes: Vec<u8>) -> Vec<u8> {
+    bytes[..bytes.len() / 2].to_vec()
+}
+
+fn boxes_in_its_place(_: Vec<u8>) -> Vec<u8> {
+    fs::read(fixture().join("waymo").join(table("lidar_box"))).unwrap()
 }
 
 /// Without poses of pixels, points are where the vehicle was at the begin of the turn, and a line says so.
