@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 use omnilife_schemas::{
+    camera::CameraModel,
     oriented_box::OrientedBox,
     posed_view::PosedView,
     statistics,
@@ -49,6 +50,52 @@ pub fn with_headings(centre: BSpline, axes: &GroundAxes, metres_per_unit: f64) -
     }
 }
 
+/// Pairs of corners that an edge joins, by the numbers of [`OrientedBox::corners`]: those that differ in one bit.
+const EDGES: [[usize; 2]; 12] = [
+    [0, 1],
+    [2, 3],
+    [4, 5],
+    [6, 7],
+    [0, 2],
+    [1, 3],
+    [4, 6],
+    [5, 7],
+    [0, 4],
+    [1, 5],
+    [2, 6],
+    [3, 7],
+];
+
+/// Returns the edges of the box of an object in an image, pixels. `None` if a corner is not in front of the camera.
+pub fn projected_edges(
+    view: &PosedView,
+    centre: DVec3,
+    rotation: DMat3,
+    dimensions: [f64; 3],
+) -> Option<[[DVec2; 2]; 12]> {
+    let corners = projected_corners(view, centre, rotation, dimensions)?;
+    Some(EDGES.map(|edge| edge.map(|corner| corners[corner])))
+}
+
+/// Returns the corners of the box of an object in an image, pixels. `None` if one is not in front of the camera.
+fn projected_corners(
+    view: &PosedView,
+    centre: DVec3,
+    rotation: DMat3,
+    dimensions: [f64; 3],
+) -> Option<[DVec2; 8]> {
+    let of_object = OrientedBox {
+        centre,
+        axes: rotation,
+        half: 0.5 * DVec3::from_array(dimensions),
+    };
+    let mut pixels = [DVec2::ZERO; 8];
+    for (pixel, corner) in pixels.iter_mut().zip(of_object.corners()) {
+        *pixel = view.camera.project(view.in_camera(corner))?;
+    }
+    Some(pixels)
+}
+
 /// Returns the box of an object in an image: left, top, width and height of the hull of its corners. `None` if a corner
 /// is not in front of the camera.
 pub fn projected_box(
@@ -57,18 +104,9 @@ pub fn projected_box(
     rotation: DMat3,
     dimensions: [f64; 3],
 ) -> Option<[f64; 4]> {
-    use omnilife_schemas::camera::CameraModel;
-    let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-    let of_object = OrientedBox {
-        centre,
-        axes: rotation,
-        half: 0.5 * DVec3::from_array(dimensions),
-    };
-    for corner in of_object.corners() {
-        let pixel = view.camera.project(view.in_camera(corner))?;
-        low = low.min(pixel);
-        high = high.max(pixel);
-    }
+    let corners = projected_corners(view, centre, rotation, dimensions)?;
+    let low = corners.into_iter().fold(DVec2::INFINITY, DVec2::min);
+    let high = corners.into_iter().fold(DVec2::NEG_INFINITY, DVec2::max);
     let size = high - low;
     Some([low.x, low.y, size.x, size.y])
 }

@@ -1,20 +1,27 @@
 //! From the detections of an object to its path and its life.
 
 use omnilife_schemas::{
+    camera::Camera,
     ground_plane::Plane,
     records::{Detection, Track},
     statistics,
-    trajectory::GroundAxes,
+    trajectory::{BSpline, GroundAxes, ObjectPath},
 };
 
 use super::{
-    Tracking, boxes, is_cut, middle,
+    Tracking, boxes,
+    image_boxes::{shift_of_ends, shown_box},
+    is_cut, middle,
     spline_fit::{self, Observation},
     within_image,
 };
 
 /// Factor on the uncertainty of a box cut off by the border of the image.
 const SLACK_CUT: f64 = 6.0;
+/// The same where its middle is that of the whole box.
+const SLACK_COMPLETED: f64 = 1.5;
+/// Fits with completed boxes: the first has their sides from whole ones.
+const COMPLETIONS: usize = 2;
 /// Longest time to a whole box for leaving boxes cut off at an end of a path out of its fit, seconds. Straight
 /// continuation is nearer to the truth than their middles.
 const LONGEST_CUT: f64 = 2.0;
@@ -37,7 +44,7 @@ impl Tracking<'_> {
         sigma_distance: f64,
     ) -> Result<Track, String> {
         let mut observations = Vec::new();
-        let mut boxes = Vec::new();
+        let (mut boxes, mut found) = (Vec::new(), Vec::new());
         for &number in group {
             let detection = &detections[number];
             if let (Some(view), Some(distance)) = (self.view(detection.frame), detection.distance) {
@@ -49,6 +56,7 @@ impl Tracking<'_> {
                     distance,
                     slack: if is_cut { SLACK_CUT } else { 1.0 },
                 });
+                found.push(detection.box_pixels);
                 if !is_cut {
                     boxes.push((view, detection.box_pixels));
                 }
@@ -56,11 +64,30 @@ impl Tracking<'_> {
         }
         let seconds = observations.first().map_or(0.0, |first| first.view.seconds);
         let named = format!("the object first seen at {seconds:.2} s");
+        let axes = GroundAxes::new(plane.normal);
+        let fit = |observations: &[Observation<'_>]| {
+            spline_fit::fit(without_cut_ends(observations), sigma_distance)
+                .ok_or_else(|| format!("{named} has no path that fits its detections"))
+        };
+        let mut fitted = fit(&observations)?;
+        for _ in 0..COMPLETIONS {
+            let path = self.lived(&fitted.spline, &observations, &axes);
+            let metres = boxes::dimensions(&path, &axes, &boxes, self.metres_per_unit);
+            let sides = metres.map(|side| side / self.metres_per_unit);
+            let mut is_changed = false;
+            for (observation, found) in observations.iter_mut().zip(&found) {
+                if let Some(whole) = completed(observation, *found, (&path, &axes), sides) {
+                    *observation = whole;
+                    is_changed = true;
+                }
+            }
+            if !is_changed {
+                break;
+            }
+            fitted = fit(&observations)?;
+        }
         let kept = without_cut_ends(&observations);
-        let fitted = spline_fit::fit(kept, sigma_distance)
-            .ok_or_else(|| format!("{named} has no path that fits its detections"))?;
-        let [first, last] = fitted.spline.range();
-        let begin = fitted.spline.position(first);
+        let begin = fitted.spline.position(fitted.spline.range()[0]);
         let positions = kept
             .iter()
             .map(|one| fitted.spline.position(one.view.seconds));
@@ -74,10 +101,7 @@ impl Tracking<'_> {
                 farthest * self.metres_per_unit
             ));
         }
-        let axes = GroundAxes::new(plane.normal);
-        let [begin, end] = self.life(&observations);
-        let extended = fitted.spline.extended(first - begin, end - last);
-        let path = boxes::with_headings(extended, &axes, self.metres_per_unit);
+        let path = self.lived(&fitted.spline, &observations, &axes);
         let metres = boxes::dimensions(&path, &axes, &boxes, self.metres_per_unit);
         let class = detections[group[0]].class.clone();
         Ok(Track {
@@ -88,6 +112,19 @@ impl Tracking<'_> {
             detections: group.len() as u32,
             displacement: farthest,
         })
+    }
+
+    /// Returns the path of an object over its life.
+    fn lived(
+        &self,
+        spline: &BSpline,
+        observations: &[Observation<'_>],
+        axes: &GroundAxes,
+    ) -> ObjectPath {
+        let [first, last] = spline.range();
+        let [begin, end] = self.life(observations);
+        let extended = spline.clone().extended(first - begin, end - last);
+        boxes::with_headings(extended, axes, self.metres_per_unit)
     }
 
     /// Returns start and end of an object's life, seconds. It was missing in the frames before and after its
@@ -149,11 +186,7 @@ impl Tracking<'_> {
     }
 
     /// Returns the median distance of lifted detections from their path.
-    fn spread(
-        &self,
-        observations: &[Observation<'_>],
-        spline: &omnilife_schemas::trajectory::BSpline,
-    ) -> f64 {
+    fn spread(&self, observations: &[Observation<'_>], spline: &BSpline) -> f64 {
         let distances: Vec<f64> = observations
             .iter()
             .map(|one| one.position().distance(spline.position(one.view.seconds)))
@@ -162,9 +195,38 @@ impl Tracking<'_> {
     }
 }
 
+/// Returns the observation of a box that the border of the image cuts off, with the middle of the whole box: that of an
+/// object of these sides on this path. `None` for whole boxes, in panoramas, and where its sides are not known.
+fn completed<'v>(
+    observation: &Observation<'v>,
+    found: [f64; 4],
+    (path, axes): (&ObjectPath, &GroundAxes),
+    sides: [f64; 3],
+) -> Option<Observation<'v>> {
+    let view = observation.view;
+    if !is_cut(view, found) || !matches!(view.camera, Camera::Pinhole(_)) {
+        return None;
+    }
+    let (centre, heading) = path.at(view.seconds)?;
+    let rotation = axes.rotation(heading);
+    let edges = boxes::projected_edges(view, centre, rotation, sides)?;
+    let predicted = middle(boxes::projected_box(view, centre, rotation, sides)?);
+    let pixel = predicted + shift_of_ends(view, found, shown_box(view, edges.into_iter())?)?;
+    // At the height of the middle that was found.
+    let up = axes.to_world.z_axis;
+    let height = (observation.position() - view.centre).dot(up);
+    let distance = height / view.ray(pixel).dot(up);
+    (distance.is_finite() && distance > 0.0).then_some(Observation {
+        view,
+        pixel,
+        distance,
+        slack: SLACK_COMPLETED,
+    })
+}
+
 /// Returns observations without those of boxes cut off at either end, if enough remain and whole ones are near in time.
 fn without_cut_ends<'o, 'v>(observations: &'o [Observation<'v>]) -> &'o [Observation<'v>] {
-    let is_whole = |one: &Observation<'_>| one.slack <= 1.0;
+    let is_whole = |one: &Observation<'_>| one.slack < SLACK_CUT;
     let (Some(mut first), Some(mut last)) = (
         observations.iter().position(is_whole),
         observations.iter().rposition(is_whole),
@@ -227,5 +289,62 @@ mod tests {
         // Too few would remain.
         assert_eq!(kept([f, t, t, t, t, t, t, t]), [0, 7]);
         assert_eq!(kept([t; 8]), [0, 7]);
+    }
+
+    /// A car drives into the image from the left, seen from 40 m above: its middle is where it is, though the border
+    /// cuts off all but a part of it.
+    #[test]
+    fn cut_boxes_give_the_middle_of_the_whole_vehicle() {
+        let view = PosedView {
+            frame: 0,
+            seconds: 1.0,
+            camera: PinholeCamera::with_horizontal_field_of_view(640, 360, 1.1).into(),
+            to_world: DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z),
+            centre: DVec3::Z * 40.0,
+        };
+        let axes = GroundAxes::new(DVec3::Z);
+        let sides = [4.5, 1.8, 1.5];
+        let half = 40.0 * 0.55_f64.tan();
+        for (shown, heading) in [(1.0, 0.0), (3.0, 0.3), (2.0, -0.4)] {
+            let truth = DVec3::new(shown - half - 2.25, 3.0, 0.75);
+            let of_heading = axes.rotation(heading);
+            let edges = boxes::projected_edges(&view, truth, of_heading, sides);
+            let found = edges.and_then(|edges| shown_box(&view, edges.into_iter()));
+            let Some(found) = found else {
+                panic!("a part is in the image");
+            };
+            // The path before its refit is half a metre behind.
+            let path = ObjectPath {
+                centre: BSpline {
+                    degree: 0,
+                    knots: vec![0.0, 2.0],
+                    coefficients: vec![(truth - DVec3::X * 0.5).to_array()],
+                },
+                headings: vec![heading],
+                heading_seconds: vec![0.0],
+            };
+            let pixel = middle(found);
+            let observation = Observation {
+                view: &view,
+                pixel,
+                distance: (40.0 - 0.75) / -view.ray(pixel).z,
+                slack: SLACK_CUT,
+            };
+            assert!(
+                observation.position().distance(truth) > 0.6,
+                "{shown} m are shown"
+            );
+            let whole = completed(&observation, found, (&path, &axes), sides);
+            let off = whole.map(|whole| whole.position().distance(truth));
+            // The middle of a whole box is not that of the vehicle either: it has a height.
+            assert!(
+                off.is_some_and(|off| off < 0.2),
+                "{shown} m are shown: {off:?}"
+            );
+            let inside = [100.0, 100.0, 40.0, 20.0];
+            assert_eq!(completed(&observation, inside, (&path, &axes), sides), None);
+            let across = [0.0, 100.0, 640.0, 20.0];
+            assert_eq!(completed(&observation, across, (&path, &axes), sides), None);
+        }
     }
 }
