@@ -21,10 +21,9 @@ import bisect
 import json
 import math
 import struct
-import zlib
 from pathlib import Path
 
-from scene_files import rotation, write_black
+from scene_files import distances, rotation, write_black
 
 # Classes of tracks, and the names of their nodes' classes there.
 CLASSES = {"vehicle": "Vehicle", "person": "Cyclist"}
@@ -38,42 +37,6 @@ def with_place(columns, place):
 
 def text_of(rows):
     return "\n".join(" ".join(repr(float(value)) for value in row) for row in rows) + "\n"
-
-
-def unfiltered(kind, line, above):
-    """Undoes a filter of PNG, for pixels of two bytes."""
-    for place in range(len(line)):
-        left, corner = (line[place - 2], above[place - 2]) if place >= 2 else (0, 0)
-        if kind == 4:
-            estimate = left + above[place] - corner
-            guess = min((left, above[place], corner), key=lambda value: abs(estimate - value))
-        else:
-            guess = (0, left, above[place], (left + above[place]) // 2)[kind]
-        line[place] = (line[place] + guess) & 255
-    return line
-
-
-def distances(path):
-    """Returns width, height and the values of a 16-bit grey PNG, row by row."""
-    data = path.read_bytes()
-    place, packed, head = 8, b"", None
-    while place < len(data):
-        length, name = struct.unpack(">I4s", data[place : place + 8])
-        body = data[place + 8 : place + 8 + length]
-        if name == b"IHDR":
-            head = struct.unpack(">IIBBBBB", body)
-        elif name == b"IDAT":
-            packed += body
-        place += 12 + length
-    if head is None or head[2:4] != (16, 0) or head[6] != 0:
-        raise SystemExit(f"{path} must be a grey PNG of 16 bits that is not interlaced")
-    width, height = head[:2]
-    lines, above, values = zlib.decompress(packed), bytearray(2 * width), []
-    for row in range(height):
-        begin = row * (2 * width + 1)
-        above = unfiltered(lines[begin], bytearray(lines[begin + 1 : begin + 1 + 2 * width]), above)
-        values += struct.unpack(f">{width}H", above)
-    return width, height, values
 
 
 def points_of(prior, folder, camera):

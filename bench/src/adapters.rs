@@ -54,13 +54,13 @@ pub enum AdapterScenes {
     Perspective,
     /// Perspective images with distances and with boxes of what moves.
     Traffic,
+    /// The same of a single camera.
+    OneCamera,
 }
 
 /// Experience with an adapter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AdapterTrial {
-    /// Never run; the user completes its data set or configuration.
-    ByHand,
     /// Never run against the authors' code; tests run it against a stand-in of their loader.
     StandIn,
     /// Run against the authors' code at this commit.
@@ -71,9 +71,6 @@ impl AdapterTrial {
     /// Returns the answer to "run against the authors' code?".
     pub fn describe(self) -> String {
         match self {
-            Self::ByHand => {
-                "not yet; its data set or configuration is completed by hand".to_owned()
-            }
             Self::StandIn => "not yet; dry-run against a stand-in of its loader".to_owned(),
             Self::AuthorsCode(commit) => format!("yes, at {commit}"),
         }
@@ -143,13 +140,8 @@ mod tests {
                 .lines()
                 .filter(|line| line.starts_with('#'))
                 .collect();
-            let written = ["Data:", "Resolution:", "Loader:", "Lost:"];
-            let conventions = match adapter.tried {
-                AdapterTrial::ByHand => &written[..2],
-                AdapterTrial::StandIn | AdapterTrial::AuthorsCode(_) => &written[..],
-            };
-            for convention in conventions {
-                assert!(head.contains(*convention), "{}: {convention}", adapter.id);
+            for convention in ["Data:", "Resolution:", "Loader:", "Lost:"] {
+                assert!(head.contains(convention), "{}: {convention}", adapter.id);
             }
             let known = PROTOCOLS
                 .iter()

@@ -10,6 +10,11 @@ const DRIVESTUDIO: (&str, &str) = (
 const FOUND: (&str, &str) = ("found.py", include_str!("../../adapters/found.py"));
 const GROUPS: (&str, &str) = ("groups.py", include_str!("../../adapters/groups.py"));
 const LNA: (&str, &str) = ("lna.py", include_str!("../../adapters/lna.py"));
+const MAP4D_SCENE: (&str, &str) = (
+    "map4d_scene.py",
+    include_str!("../../adapters/map4d_scene.py"),
+);
+const NAG_SCENE: (&str, &str) = ("nag_scene.py", include_str!("../../adapters/nag_scene.py"));
 const OMNIGS: (&str, &str) = ("omnigs.py", include_str!("../../adapters/omnigs.py"));
 const OMNIMATTE_RF: (&str, &str) = (
     "omnimatte_rf.py",
@@ -176,15 +181,28 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "nag",
         protocol: "input-view",
-        scenes: AdapterScenes::Panoramas,
-        about: "Neural Atlas Graphs by their authors' code",
+        scenes: AdapterScenes::OneCamera,
+        about: "Neural Atlas Graphs by their authors' code, on perspective scenes with distances",
         manifest: include_str!("../../adapters/nag.toml"),
-        files: &[],
-        loader: "jp-schneider/nag at 542a8ef",
-        reads: "`images/`, `masks/`, poses and depths as its configurations name them",
-        lost: "poses and depths are made by programs of their own",
+        files: &[NAG_SCENE, SCENE_FILES],
+        loader: "jp-schneider/nag at a125c25, `nag/dataset/nag_dataset.py`; at 238f3ea, `nag/config/nag_config.py`; its fork PeterZs/nag at e3d2dfa, `nag/run/nag_runner.py`, `nag/config/pinhole_camera_config.py`, `nag/model/timed_camera_scene_node_3d.py`, `config/davis/`",
+        reads: "`images/`, `masks/` by object, `depth/` as f32 TIFF, poses and lens as a record, a configuration",
+        lost: "panoramas and several cameras are refused; times, points, boxes in space",
         views: "numbered images",
-        tried: AdapterTrial::ByHand,
+        tried: AdapterTrial::StandIn,
+    },
+    Adapter {
+        id: "4dgf",
+        protocol: "input-view",
+        scenes: AdapterScenes::Traffic,
+        about: "4DGF by its authors' code (map4d)",
+        manifest: include_str!("../../adapters/4dgf.toml"),
+        files: &[MAP4D_SCENE, DRIVESTUDIO, SCENE_FILES, PLY],
+        loader: "tobiasfshr/map4d at ea32ac2, `src/map4d/data/parser/`, `src/map4d/scripts/render.py`",
+        reads: "the pickle that its scripts make of every data set: images, masks of ignored regions, boxes, bounds, points of each moment",
+        lost: "masks of what moves; points of the background where images have less than 400 pixels",
+        views: "numbered images",
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "omnire",
