@@ -20,8 +20,12 @@ use super::{
 const SLACK_CUT: f64 = 6.0;
 /// The same where its middle is that of the whole box.
 const SLACK_COMPLETED: f64 = 1.5;
-/// Fits with completed boxes: the first has their sides from whole ones.
-const COMPLETIONS: usize = 2;
+/// The same of a box with other sides than those of the vehicle: it holds another one too, or a part.
+const SLACK_OTHER: f64 = 5.0;
+/// Largest ratio between the half perimeters of the box of a vehicle and of its detection.
+const LARGEST_RATIO: f64 = 1.5;
+/// Fits with judged boxes, after one without.
+const JUDGED_FITS: usize = 2;
 /// Longest time to a whole box for leaving boxes cut off at an end of a path out of its fit, seconds. Straight
 /// continuation is nearer to the truth than their middles.
 const LONGEST_CUT: f64 = 2.0;
@@ -70,20 +74,19 @@ impl Tracking<'_> {
                 .ok_or_else(|| format!("{named} has no path that fits its detections"))
         };
         let mut fitted = fit(&observations)?;
-        for _ in 0..COMPLETIONS {
+        for _ in 0..JUDGED_FITS {
             let path = self.lived(&fitted.spline, &observations, &axes);
             let metres = boxes::dimensions(&path, &axes, &boxes, self.metres_per_unit);
             let sides = metres.map(|side| side / self.metres_per_unit);
-            let mut is_changed = false;
-            for (observation, found) in observations.iter_mut().zip(&found) {
-                if let Some(whole) = completed(observation, *found, (&path, &axes), sides) {
-                    *observation = whole;
-                    is_changed = true;
-                }
+            let mut judgements = observations.clone();
+            for (observation, found) in judgements.iter_mut().zip(&found) {
+                let judgement = judged(observation, *found, (&path, &axes), sides);
+                *observation = judgement.unwrap_or(*observation);
             }
-            if !is_changed {
+            if judgements == observations {
                 break;
             }
+            observations = judgements;
             fitted = fit(&observations)?;
         }
         let kept = without_cut_ends(&observations);
@@ -195,23 +198,38 @@ impl Tracking<'_> {
     }
 }
 
-/// Returns the observation of a box that the border of the image cuts off, with the middle of the whole box: that of an
-/// object of these sides on this path. `None` for whole boxes, in panoramas, and where its sides are not known.
-fn completed<'v>(
+/// Returns an observation as an object of these sides on this path judges it: a box that the border of the image cuts off
+/// has the middle of the whole one, and a box of other sides is uncertain. `None` in panoramas, and where the path says
+/// nothing of it.
+fn judged<'v>(
     observation: &Observation<'v>,
     found: [f64; 4],
     (path, axes): (&ObjectPath, &GroundAxes),
     sides: [f64; 3],
 ) -> Option<Observation<'v>> {
     let view = observation.view;
-    if !is_cut(view, found) || !matches!(view.camera, Camera::Pinhole(_)) {
+    if !matches!(view.camera, Camera::Pinhole(_)) {
         return None;
     }
     let (centre, heading) = path.at(view.seconds)?;
     let rotation = axes.rotation(heading);
     let edges = boxes::projected_edges(view, centre, rotation, sides)?;
+    let shown = shown_box(view, edges.into_iter())?;
+    let size = |[_, _, width, height]: [f64; 4]| width + height;
+    let [large, small] = [size(found).max(size(shown)), size(found).min(size(shown))];
+    let is_other = large > LARGEST_RATIO * small;
+    if !is_cut(view, found) {
+        let slack = if is_other { SLACK_OTHER } else { 1.0 };
+        return Some(Observation {
+            slack,
+            ..*observation
+        });
+    }
+    if is_other {
+        return None;
+    }
     let predicted = middle(boxes::projected_box(view, centre, rotation, sides)?);
-    let pixel = predicted + shift_of_ends(view, found, shown_box(view, edges.into_iter())?)?;
+    let pixel = predicted + shift_of_ends(view, found, shown)?;
     // At the height of the middle that was found.
     let up = axes.to_world.z_axis;
     let height = (observation.position() - view.centre).dot(up);
@@ -334,17 +352,57 @@ mod tests {
                 observation.position().distance(truth) > 0.6,
                 "{shown} m are shown"
             );
-            let whole = completed(&observation, found, (&path, &axes), sides);
+            let whole = judged(&observation, found, (&path, &axes), sides);
             let off = whole.map(|whole| whole.position().distance(truth));
             // The middle of a whole box is not that of the vehicle either: it has a height.
             assert!(
                 off.is_some_and(|off| off < 0.2),
                 "{shown} m are shown: {off:?}"
             );
-            let inside = [100.0, 100.0, 40.0, 20.0];
-            assert_eq!(completed(&observation, inside, (&path, &axes), sides), None);
+            let larger = [found[0], found[1], 2.0 * found[2], 2.0 * found[3]];
+            assert_eq!(judged(&observation, larger, (&path, &axes), sides), None);
             let across = [0.0, 100.0, 640.0, 20.0];
-            assert_eq!(completed(&observation, across, (&path, &axes), sides), None);
+            assert_eq!(judged(&observation, across, (&path, &axes), sides), None);
         }
+    }
+
+    /// A box around two vehicles is uncertain, and one around the vehicle is not.
+    #[test]
+    fn boxes_of_other_sides_are_uncertain() {
+        let view = PosedView {
+            frame: 0,
+            seconds: 1.0,
+            camera: PinholeCamera::with_horizontal_field_of_view(640, 360, 1.1).into(),
+            to_world: DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z),
+            centre: DVec3::Z * 40.0,
+        };
+        let axes = GroundAxes::new(DVec3::Z);
+        let sides = [4.5, 1.8, 1.5];
+        let centre = DVec3::new(2.0, 1.0, 0.75);
+        let path = ObjectPath {
+            centre: BSpline {
+                degree: 0,
+                knots: vec![0.0, 2.0],
+                coefficients: vec![centre.to_array()],
+            },
+            headings: vec![0.1],
+            heading_seconds: vec![0.0],
+        };
+        let own = boxes::projected_box(&view, centre, axes.rotation(0.1), sides);
+        let Some([left, top, width, height]) = own else {
+            panic!("it is in front of the camera");
+        };
+        let observation = Observation {
+            view: &view,
+            pixel: middle([left, top, width, height]),
+            distance: 39.0,
+            slack: 1.0,
+        };
+        let slack = |found: [f64; 4]| {
+            judged(&observation, found, (&path, &axes), sides).map(|one| one.slack)
+        };
+        assert_eq!(slack([left, top, width + 8.0, height]), Some(1.0));
+        assert_eq!(slack([left, top, width, 3.0 * height]), Some(SLACK_OTHER));
+        assert_eq!(slack([left, top, 0.4 * width, height]), Some(SLACK_OTHER));
     }
 }
