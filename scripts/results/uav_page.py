@@ -57,7 +57,7 @@ def of_geometry(folder):
 
 def of_tracks(folder):
     lines = ["| Detections | Frames a second | Recall | Precision | IDF1 | MOTA | Switches | Ground, m | "
-             "Heading, degrees | Length, m |", "|---" * 2 + "|---:" * 8 + "|"]
+             "Heading, degrees | Speed, % | Length, m |", "|---" * 2 + "|---:" * 9 + "|"]
     kinds = [("`motion`", "motion-1", 1), ("`motion`, after `path-alignment`", "refit-1", 1),
              ("`motion`", "motion-2", 2),
              ("`motion`, points by stereo", "stereo-1", 1),
@@ -70,7 +70,7 @@ def of_tracks(folder):
             title, str(rate), cell("detections", "recall") if is_found else "-",
             cell("detections", "precision") if is_found else "-", cell("boxes", "idf1"),
             cell("boxes", "mota"), cell("boxes", "switches", 1), cell("paths", "ground_metres"),
-            cell("paths", "heading_degrees", 1), cell("paths", "length_metres", 1)]) + " |")
+            cell("paths", "heading_degrees", 1), cell("paths", "speed_percent", 1), cell("paths", "length_metres", 1)]) + " |")
     return lines
 
 

@@ -294,6 +294,11 @@ mod tests {
             scores.heading_degrees.is_some_and(|degrees| degrees < 1e-6),
             "{scores:?}"
         );
+        let speeds = [scores.speed_percent, scores.speed_percent_of_nine_in_ten];
+        assert!(
+            speeds.map(|error| error.is_some_and(|error| error < 1e-6)) == [true; 2],
+            "{scores:?}"
+        );
     }
 
     #[test]
