@@ -112,6 +112,18 @@ impl Clip {
         let clock = UnitClock::of(all.map(|view| view.view.time_seconds));
         let mut views: Vec<_> = scene.input_views.iter().collect();
         views.sort_by_key(|view| view.frame);
+        let mut pairs = views.iter().zip(views.iter().skip(1));
+        let is_same = |pair: &(&&TrainingView, &&TrainingView)| {
+            pair.0.view.time_seconds >= pair.1.view.time_seconds
+        };
+        if let Some((one, other)) = pairs.find(is_same) {
+            return Err(ReconstructError::Request {
+                reason: format!(
+                    "{}: an atlas is of one camera, and its frames {} and {} are both at {} s",
+                    scene.id, one.frame, other.frame, one.view.time_seconds
+                ),
+            });
+        }
         let size = [camera.width() as usize, camera.height() as usize];
         let (objects, masks) = objects_of(scene, &views, size);
         let frames = views.iter().enumerate().map(|(number, view)| ClipFrame {

@@ -275,13 +275,38 @@ fn awkward_clips_train_without_a_panic_or_a_nan() {
 }
 
 #[test]
-fn times_that_do_not_increase_are_refused() {
+fn times_that_decrease_are_refused_and_those_of_a_rig_are_not() {
     let mut scene = moving_ball::scene();
+    let clock = scene.clock().unwrap();
     scene.input_views[3].view.time_seconds = 1.0;
     let method = methods::find("omni4dgs").unwrap();
     let refused = method.train(&scene, &request(2), &Session::without_files(&Silent));
     let message = refused.map(drop).unwrap_err().to_string();
     assert!(message.contains("frame 3 is at 1 s"), "{message}");
+    // Two cameras at each time have the clock of one.
+    let mut rig = moving_ball::scene();
+    let others: Vec<_> = rig
+        .input_views
+        .iter()
+        .cloned()
+        .map(|mut view| {
+            view.frame = 2 * view.frame + 1;
+            view
+        })
+        .collect();
+    for view in rig.input_views.iter_mut().chain(&mut rig.novel_views) {
+        view.frame *= 2;
+    }
+    rig.input_views.extend(others);
+    assert_eq!(rig.clock().unwrap(), clock);
+    let trained = method.train(&rig, &request(2), &Session::without_files(&Silent));
+    assert!(trained.is_ok());
+    let refused =
+        methods::find("nag")
+            .unwrap()
+            .train(&rig, &request(2), &Session::without_files(&Silent));
+    let message = refused.map(drop).unwrap_err().to_string();
+    assert!(message.contains("an atlas is of one camera"), "{message}");
 }
 
 #[test]

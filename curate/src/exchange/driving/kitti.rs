@@ -315,6 +315,7 @@ fn objects_of(
             ObjectClass::Other
         });
         let object = objects.entry(id).or_insert_with(|| LabelledObject {
+            name: None,
             id,
             class,
             boxes: Vec::new(),

@@ -76,6 +76,8 @@ pub(super) struct SweepView {
     common: PinholeCamera,
     to_camera: DMat3,
     centre: DVec3,
+    /// Boxes of moving objects at its own time, by the number of the object.
+    boxes: Vec<Option<OrientedBox>>,
     /// Distances along the rays by the pixel's number in the image of the common camera, row by row; the nearest.
     pub(super) distances: BTreeMap<u32, f32>,
 }
@@ -89,6 +91,7 @@ impl SweepView {
         image: &Path,
         (own, common): (OwnCamera, PinholeCamera),
         (to_world, centre): (DMat3, DVec3),
+        boxes: Vec<Option<OrientedBox>>,
     ) -> Result<Self, StoreError> {
         let size = own.size();
         Ok(Self {
@@ -97,20 +100,25 @@ impl SweepView {
             common,
             to_camera: to_world.transpose(),
             centre,
+            boxes,
             distances: BTreeMap::new(),
         })
     }
 
     /// Enters a point of the world, and returns its colour; `None` where the image does not show it, because it is
-    /// outside or behind one of the boxes.
-    fn see(&mut self, point: DVec3, boxes: &[OrientedBox]) -> Option<[u8; 3]> {
+    /// outside or behind a box of another object, at the time of the sweep or at that of the image.
+    fn see(&mut self, point: DVec3, boxes: &[Option<OrientedBox>]) -> Option<[u8; 3]> {
         let to_point = point - self.centre;
         let hides = |one: &OrientedBox| {
             let crossing = one.crossing(self.centre, to_point);
             crossing.is_some_and(|[enter, _]| enter < 1.0)
-                && !objects::is_inside(one, BOX_MARGIN_METRES, point)
         };
-        if boxes.iter().any(hides) {
+        let holds = |one: &OrientedBox| objects::is_inside(one, BOX_MARGIN_METRES, point);
+        let hidden = boxes.iter().zip(&self.boxes).any(|(then, now)| {
+            let both = [then, now].into_iter().flatten();
+            !both.clone().any(holds) && both.into_iter().any(hides)
+        });
+        if hidden {
             return None;
         }
         let local = self.to_camera * to_point;
@@ -154,7 +162,7 @@ impl StaticPoints {
     pub(super) fn add(
         &mut self,
         points: impl Iterator<Item = DVec3>,
-        boxes: &[OrientedBox],
+        boxes: &[Option<OrientedBox>],
         views: &mut [SweepView],
     ) {
         for point in points {
@@ -163,7 +171,7 @@ impl StaticPoints {
             let colour = seen.fold(None, Option::or);
             let is_of_box = |one: &OrientedBox| objects::is_inside(one, BOX_MARGIN_METRES, point);
             let counter = match colour {
-                _ if boxes.iter().any(is_of_box) => &mut self.in_boxes,
+                _ if boxes.iter().flatten().any(is_of_box) => &mut self.in_boxes,
                 None => &mut self.unseen,
                 Some(colour) => {
                     let cell = (point / CELL_METRES).floor().to_array();
@@ -227,7 +235,7 @@ mod tests {
             half: DVec3::splat(0.5),
         };
         let sweep = [DVec3::X, DVec3::new(9.0, 0.0, 0.0)];
-        points.add(sweep.into_iter(), &[moving], &mut []);
+        points.add(sweep.into_iter(), &[Some(moving)], &mut []);
         assert_eq!((points.in_boxes, points.unseen), (1, 1));
         let image = ShownImage {
             size: [2, 1],
@@ -249,6 +257,7 @@ mod tests {
             common: camera,
             to_camera: DMat3::IDENTITY,
             centre: DVec3::ZERO,
+            boxes: vec![None, None],
             distances: BTreeMap::new(),
         };
         let mut views = [view];
@@ -262,7 +271,8 @@ mod tests {
             centre: DVec3::new(-1.0, 0.0, 2.0),
             ..moving
         };
-        points.add(sweep.into_iter(), &[moving, before_last], &mut views);
+        let boxes = [Some(moving), Some(before_last)];
+        points.add(sweep.into_iter(), &boxes, &mut views);
         assert_eq!((points.unseen, points.thinned), (3, 1));
         assert_eq!(points.cloud.colours, [[40, 50, 60]]);
         let nearest = DVec3::new(1.53, 0.0, 3.03).length() as f32;
@@ -271,6 +281,49 @@ mod tests {
             points
                 .note()
                 .is_some_and(|note| note.contains("1 static points"))
+        );
+    }
+
+    /// At the time of the image a car is before the wall, at that of the sweep it is elsewhere. Its own points stay.
+    #[test]
+    fn points_behind_a_box_at_the_time_of_the_image_are_left_out() {
+        let camera = PinholeCamera {
+            width: 2,
+            height: 1,
+            fx: 1.0,
+            fy: 1.0,
+            cx: 1.0,
+            cy: 0.5,
+        };
+        let car = |x: f64| OrientedBox {
+            centre: DVec3::new(x, 0.0, 5.0),
+            axes: DMat3::IDENTITY,
+            half: DVec3::splat(0.5),
+        };
+        let mut view = SweepView {
+            image: ShownImage {
+                size: [2, 1],
+                rgb: vec![0; 6],
+                transparent: None,
+                is_turned: false,
+            },
+            own: camera.into(),
+            common: camera,
+            to_camera: DMat3::IDENTITY,
+            centre: DVec3::ZERO,
+            boxes: vec![Some(car(1.0))],
+            distances: BTreeMap::new(),
+        };
+        let wall = DVec3::new(2.0, 0.0, 10.0);
+        assert!(view.see(wall, &[Some(car(4.0))]).is_none());
+        assert!(
+            view.see(DVec3::new(2.0, 3.0, 10.0), &[Some(car(4.0))])
+                .is_some()
+        );
+        // The side of the car at the time of the sweep, which it hides half a metre later.
+        assert!(
+            view.see(DVec3::new(1.2, 0.0, 5.5), &[Some(car(1.2))])
+                .is_some()
         );
     }
 }

@@ -21,7 +21,7 @@ mod table;
 pub mod waymo;
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -139,6 +139,7 @@ impl Layout<'_> {
             )
         }));
         notes.extend(resampling_notes(&self.cameras, &common));
+        notes.extend(missing_notes(&self.cameras, &self.images));
         notes.push(
             "points, their colours and boxes are those of all frames, also of frames that a split keeps for scoring"
                 .to_owned(),
@@ -229,14 +230,12 @@ impl Layout<'_> {
                 &image.file,
                 (own, common),
                 axes_of(image)?,
+                boxes_at(tracks, image.seconds),
             )?);
             files.push(image.file.clone());
         }
         let of_sensor = lidar::read(&sweep.file, sweep.values)?.into_iter();
-        let boxes = tracks.iter();
-        let boxes: Vec<OrientedBox> = boxes
-            .filter_map(|track| objects::box_at(track, sweep.seconds))
-            .collect();
+        let boxes = boxes_at(tracks, sweep.seconds);
         points.add(
             of_sensor.map(|point| sweep.to_world.apply(point)),
             &boxes,
@@ -244,6 +243,12 @@ impl Layout<'_> {
         );
         Ok(files.into_iter().zip(seen).collect())
     }
+}
+
+/// Returns the box of each track at a time; `None` outside of its path.
+fn boxes_at(tracks: &[Track], seconds: f64) -> Vec<Option<OrientedBox>> {
+    let boxes = tracks.iter().map(|track| objects::box_at(track, seconds));
+    boxes.collect()
 }
 
 /// Returns the rotation of an image's camera to the world, and its centre.
@@ -272,6 +277,21 @@ fn resampling_notes(cameras: &[RigCamera], common: &PinholeCamera) -> Vec<String
             )
         })
         .collect()
+}
+
+/// Returns a line on every camera without an image at a moment that has one of another camera.
+fn missing_notes(cameras: &[RigCamera], images: &[RigImage]) -> Vec<String> {
+    let moments: BTreeSet<u64> = images.iter().map(|image| image.moment).collect();
+    let lines = cameras.iter().enumerate().filter_map(|(number, camera)| {
+        let own = images.iter().filter(|image| image.camera == number);
+        let own: BTreeSet<u64> = own.map(|image| image.moment).collect();
+        let missing: Vec<String> = moments.difference(&own).map(u64::to_string).collect();
+        left_out::line(
+            &missing,
+            &format!("moments without an image of {}", camera.name),
+        )
+    });
+    lines.collect()
 }
 
 /// Returns a line on layout parts that are there and not read.

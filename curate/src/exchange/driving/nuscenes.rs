@@ -359,6 +359,7 @@ impl<'a> Reader<'a> {
             if objects.get(number).is_none() {
                 objects.push(LabelledObject {
                     id: u32::try_from(number).unwrap_or(u32::MAX),
+                    name: Some(row.instance_token.clone()),
                     class: class_of(&category.name),
                     boxes: Vec::new(),
                 });

@@ -46,6 +46,8 @@ pub(super) const UP: DVec3 = DVec3::Z;
 pub(super) struct LabelledObject {
     /// Unique in the drive.
     pub(super) id: u32,
+    /// Name in the labels, where that is not the id.
+    pub(super) name: Option<String>,
     pub(super) class: ObjectClass,
     /// Boxes in the world by their seconds, which rise. Their axes are forward, left and up.
     pub(super) boxes: Vec<(f64, OrientedBox)>,
@@ -86,6 +88,18 @@ impl MovingObjects {
                 .tracks
                 .push(object.track(displacement, extension_seconds));
         }
+        let names = objects.iter().filter_map(|object| {
+            let is_taken = found.classes.iter().any(|(id, _)| *id == object.id);
+            let name = object.name.as_ref().filter(|_| is_taken)?;
+            Some(format!("{} {name}", object.id))
+        });
+        let names: Vec<String> = names.collect();
+        if !names.is_empty() {
+            found.notes.push(format!(
+                "moving objects and their names in the labels: {}",
+                names.join(", ")
+            ));
+        }
         if !standing.is_empty() {
             found.notes.push(format!(
                 "labelled objects that move by less than {LEAST_DISPLACEMENT_METRES} m, or are seen once: {} ({}); \
@@ -96,7 +110,8 @@ impl MovingObjects {
         }
         if tilt > REPORTED_TILT_DEGREES {
             found.notes.push(format!(
-                "boxes are tilted by up to {tilt:.1} degrees from upright, which tracks do not hold: theirs are upright"
+                "boxes are tilted by up to {tilt:.1} degrees from upright, which tracks do not hold: paths, boxes in images and \
+                 the points that are left out are those of upright boxes"
             ));
         }
         found
@@ -239,6 +254,7 @@ mod tests {
         });
         LabelledObject {
             id,
+            name: None,
             class: ObjectClass::Vehicle,
             boxes: boxes.collect(),
         }

@@ -211,12 +211,15 @@ fn speeds_and_headings_are_those_of_the_path() {
     assert_eq!(
         lines.next(),
         Some(
-            "track,class,frame,time_seconds,x_metres,y_metres,z_metres,speed_metres_per_second,heading_degrees_from_x"
+            "track,class,frame,time_seconds,x_metres,y_metres,z_metres,speed_metres_per_second,heading_degrees_from_x,evidence"
         )
     );
     let rows: Vec<&str> = lines.collect();
     assert_eq!(rows.len(), FRAMES);
-    assert_eq!(rows[2], "7,vehicle,2,2,6.000,8.000,0.000,5.000,53.13");
+    assert_eq!(
+        rows[2],
+        "7,vehicle,2,2,6.000,8.000,0.000,5.000,53.13,extrapolated"
+    );
     let message = export(temp.path(), &["geojson"], None).unwrap_err();
     assert!(
         message.contains("--telemetry") && !message.contains('\n'),

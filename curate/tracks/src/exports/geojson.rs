@@ -64,6 +64,7 @@ fn feature(export: &TrackExport<'_>, track: &Track) -> Option<Value> {
     let [length, width, height] = track
         .dimensions
         .map(|side| rounded(side * georeference.metres_per_unit));
+    let evidence: Vec<&str> = moments.iter().map(|one| one.evidence.name()).collect();
     Some(json!({
         "type": "Feature",
         "id": track.id,
@@ -77,6 +78,7 @@ fn feature(export: &TrackExport<'_>, track: &Track) -> Option<Value> {
             "times_seconds": values(|moment| moment.seconds),
             "speeds_metres_per_second": values(|moment| moment.speed),
             "headings_degrees": values(|moment| moment.heading),
+            "evidence": evidence,
         },
     }))
 }

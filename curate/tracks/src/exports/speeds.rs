@@ -27,6 +27,8 @@ const ON_THE_MAP: [&str; 7] = [
     "latitude_degrees",
     "longitude_degrees",
 ];
+/// The last column: [`super::moments::Evidence`].
+const EVIDENCE: &str = "evidence";
 const ON_THE_GROUND: [&str; 5] = [
     "x_metres",
     "y_metres",
@@ -47,7 +49,7 @@ fn table(export: &TrackExport<'_>) -> csv::Result<csv::Writer<Vec<u8>>> {
         Some(_) => &ON_THE_MAP[..],
         None => &ON_THE_GROUND[..],
     };
-    table.write_record(COLUMNS.iter().chain(of_place))?;
+    table.write_record(COLUMNS.iter().chain(of_place).chain([&EVIDENCE]))?;
     for track in &export.tracks.tracks {
         let class = for_spreadsheet(&track.class);
         for moment in export.moments(track) {
@@ -65,6 +67,7 @@ fn table(export: &TrackExport<'_>) -> csv::Result<csv::Writer<Vec<u8>>> {
                 row.push(format!("{:.9}", point.latitude_degrees));
                 row.push(format!("{:.9}", point.longitude_degrees));
             }
+            row.push(moment.evidence.name().to_owned());
             table.write_record(&row)?;
         }
     }

@@ -266,7 +266,7 @@ impl TrainingScene {
     /// Returns the clock of a scene's views, input and novel ones.
     ///
     /// # Errors
-    /// When the timestamps do not increase with the frames' numbers.
+    /// When the timestamps decrease with the frames' numbers. Cameras of a rig have the same ones.
     pub fn clock(&self) -> Result<Clock, ReconstructError> {
         let mut times: Vec<(u32, f64)> = self
             .input_views
@@ -275,22 +275,24 @@ impl TrainingScene {
             .map(|view| (view.frame, view.view.time_seconds))
             .collect();
         times.sort_by_key(|&(frame, _)| frame);
-        let not_later = |pair: &&[(u32, f64)]| {
+        // Cameras of a rig have the same time. NaN has no order.
+        let is_earlier = |pair: &&[(u32, f64)]| {
             pair[1]
                 .1
                 .partial_cmp(&pair[0].1)
-                .is_none_or(std::cmp::Ordering::is_le)
+                .is_none_or(std::cmp::Ordering::is_lt)
         };
-        if let Some(pair) = times.windows(2).find(not_later) {
+        if let Some(pair) = times.windows(2).find(is_earlier) {
             return Err(ReconstructError::Request {
                 reason: format!(
-                    "{}: frame {} is at {} s, frame {} before it at {} s: time must increase from \
-                     frame to frame",
+                    "{}: frame {} is at {} s, frame {} before it at {} s: time must not decrease \
+                     from frame to frame",
                     self.id, pair[1].0, pair[1].1, pair[0].0, pair[0].1
                 ),
             });
         }
-        let times: Vec<f64> = times.into_iter().map(|(_, time)| time).collect();
+        let mut times: Vec<f64> = times.into_iter().map(|(_, time)| time).collect();
+        times.dedup();
         Ok(Clock::from_times(&times))
     }
 

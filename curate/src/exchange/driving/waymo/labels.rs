@@ -63,10 +63,11 @@ pub(super) fn read(
     }
     let (mut objects, mut ids) = (Vec::<LabelledObject>::new(), BTreeMap::new());
     for ((time, name), (kind, labelled)) in boxes {
-        let number = *ids.entry(name).or_insert(objects.len());
+        let number = *ids.entry(name.clone()).or_insert(objects.len());
         if objects.get(number).is_none() {
             objects.push(LabelledObject {
                 id: u32::try_from(number).unwrap_or(u32::MAX),
+                name: Some(name),
                 class: class_of(kind),
                 boxes: Vec::new(),
             });

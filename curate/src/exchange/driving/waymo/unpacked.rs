@@ -26,6 +26,10 @@ use crate::{
 
 /// Coordinates of a point in a file.
 const VALUES: usize = 3;
+/// Step of stored poses from which on it is reported, metres.
+const COARSE_METRES: f64 = 0.05;
+/// LiDARs by their numbers, from 1.
+const LIDARS: [&str; 5] = ["TOP", "FRONT", "SIDE_LEFT", "SIDE_RIGHT", "REAR"];
 /// First bytes of a JPEG.
 const JPEG: [u8; 2] = [0xff, 0xd8];
 
@@ -140,12 +144,34 @@ impl Unpacked {
                 "no lidar_pose: a sweep counts as taken from one place of the vehicle".to_owned(),
             );
         }
+        // Poses of pixels are in 32 bits, in the world of the dataset.
+        let step = segment.origin.abs().max_element() * f64::from(f32::EPSILON);
+        notes.extend((poses.is_some() && step > COARSE_METRES).then(|| {
+            format!("poses of LiDAR pixels are stored in steps of {step:.2} m, so far from the dataset's origin")
+        }));
         let second = table.has("[LiDARComponent].range_image_return2.values");
         notes.extend(second.then(|| "second returns of the LiDARs are left out".to_owned()));
         let mut by_time = BTreeMap::<i64, Vec<usize>>::new();
+        let mut of_lidars = BTreeMap::<i64, usize>::new();
         let mut times = table.column("key.frame_timestamp_micros")?;
+        let mut names = table.column("key.laser_name")?;
         for row in 0..table.rows {
             by_time.entry(times.integer(row)?).or_default().push(row);
+            let count = of_lidars.entry(names.integer(row)?).or_default();
+            *count = count.saturating_add(1);
+        }
+        for name in lidars.keys() {
+            let label = usize::try_from(name.saturating_sub(1)).ok();
+            let label = label
+                .and_then(|at| LIDARS.get(at))
+                .copied()
+                .unwrap_or("of another name");
+            let missing = by_time
+                .len()
+                .saturating_sub(of_lidars.get(name).copied().unwrap_or(0));
+            notes.extend((missing > 0).then(|| {
+                format!("LiDAR {label}: frames without its range image, beside others that have one: {missing}")
+            }));
         }
         let found: BTreeSet<i64> = by_time.keys().copied().collect();
         let missing = without(&segment.vehicle, &found);

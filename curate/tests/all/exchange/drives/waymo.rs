@@ -32,6 +32,7 @@ fn waymo_comes_with_the_cameras_boxes_points_and_distances_of_the_truth() {
         "FRONT is resampled",
         "first place of the vehicle, (-20000.000, 35000.000",
         "second returns",
+        "0 0-car, 1 1-rider",
         "(2)",
     ] {
         assert!(
