@@ -15,7 +15,7 @@ use crate::{
     near_duplicates::{SignaturePass, signature},
     overlays::{MosaicPass, OverlayPass},
     projection::FrameSamples,
-    repetitions::RepetitionPass,
+    repetitions::{RepetitionPass, Repetitions},
     sharpness::{self, View, sharpness},
     shots::SamplePass,
     sphere_layouts::{self, ToErp},
@@ -52,8 +52,10 @@ pub struct Analysis {
     pub damaged_frames: u64,
     /// Frames that are marked as interlaced.
     pub interlaced_frames: u64,
+    /// Frames without a time after that of the frame before, left out.
+    pub frames_out_of_time: u64,
     /// Frames that repeat the picture of the one before.
-    pub repeated_frames: u64,
+    pub repetitions: Repetitions,
 }
 
 /// Converts frames of other sphere layouts to equirectangular images.
@@ -236,7 +238,8 @@ pub(crate) fn analyse_with(
         signature,
         damaged_frames: reader.damaged(),
         interlaced_frames: reader.interlaced(),
-        repeated_frames: repetitions.count(),
+        frames_out_of_time: reader.out_of_time(),
+        repetitions: repetitions.finish(),
     })
 }
 

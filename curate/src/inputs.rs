@@ -16,7 +16,7 @@ pub const VIDEO_EXTENSIONS: &[&str] = &["mp4", "m4v", "mov", "mkv", "webm", "avi
 /// that makers' programs must stitch first.
 const OTHER_VIDEO_EXTENSIONS: &[&str] = &[
     "360", "3gp", "asf", "dv", "f4v", "flv", "insv", "lrv", "m2t", "m2ts", "m2v", "mpeg", "mts",
-    "mxf", "ogv", "vob", "wmv",
+    "mxf", "ogv", "qt", "vob", "wmv",
 ];
 
 /// Extensions of still images, in lower case. They are taken only from a folder without videos; those other than PNG
@@ -136,6 +136,12 @@ fn left_out_of(folder: &Path, taken: &BTreeSet<PathBuf>) -> Result<Vec<InputFile
 
 /// Returns why a video in a folder is not taken; `None` if it is, and for other files.
 fn reason_of_video(path: &Path) -> Option<String> {
+    if path.is_symlink() && path.is_dir() {
+        return Some("a link to a folder, which is taken only where it is named".to_owned());
+    }
+    if path.is_symlink() && !path.exists() && has_extension(path, VIDEO_EXTENSIONS) {
+        return Some("a link to a file that is not there".to_owned());
+    }
     if has_extension(path, OTHER_VIDEO_EXTENSIONS) {
         let extension = extension(path);
         return Some(format!(

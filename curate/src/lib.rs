@@ -15,6 +15,7 @@ pub mod audit;
 pub mod boundaries;
 pub mod criteria;
 pub mod dataset;
+mod decoding_notes;
 pub mod error;
 pub mod exchange;
 mod frame_order;

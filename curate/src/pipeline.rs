@@ -18,12 +18,12 @@ use crate::{
     admission,
     analysis::{self, Analysis},
     boundaries::{self, Detector, Signals},
-    criteria,
+    criteria, decoding_notes,
     error::CurateError,
     frames,
     near_duplicates::signature,
     overlays::{self, MosaicPass, OverlayPass},
-    projection, repetitions,
+    projection,
     sequences::{self, Sequencing},
     settings::{CurateSettings, FrameSelection, LayoutChoice},
     sharpness::View,
@@ -157,7 +157,7 @@ fn sequences_of(
         probe: &analysis.probe,
         layout,
         projection: Some(&projection),
-        damaged_frames: Some(analysis.damaged_frames),
+        damaged_frames: Some(analysis.damaged_frames + analysis.frames_out_of_time),
         overlays: analysis.overlays.as_ref(),
     };
     let admission = criteria::admit(&criteria, &candidate, settings.enforce);
@@ -283,40 +283,17 @@ fn analysed(
             mut signature,
             damaged_frames,
             interlaced_frames,
-            repeated_frames,
+            frames_out_of_time,
+            repetitions,
         } = analysis::analyse_with(video, detector, asked, measured, progress)?;
-        if damaged_frames > 0 {
-            progress.note(&format!(
-                "{}: {damaged_frames} damaged frames were patched up or left out",
-                video.display()
-            ));
-        }
-        if interlaced_frames > 0 {
-            progress.note(&format!(
-                "{}: {interlaced_frames} frames are marked as interlaced and used as stored; if each has rows of two \
-                 moments, take the rows apart first: ffmpeg -i IN -vf bwdif OUT",
-                video.display()
-            ));
-        }
-        let frames = probe.decoded_frames.unwrap_or_default();
-        if let Some(line) = repetitions::note(repeated_frames, frames, probe.frames_per_second) {
+        let faults = decoding_notes::Faults {
+            damaged_frames,
+            frames_out_of_time,
+            interlaced_frames,
+            repetitions,
+        };
+        for line in decoding_notes::lines(&probe, &faults) {
             progress.note(&format!("{}: {line}", video.display()));
-        }
-        if probe.is_hdr() {
-            progress.note(&format!(
-                "{}: is coded for high dynamic range ({}); its levels are used as \
-                 coded, not tone-mapped",
-                video.display(),
-                probe.transfer
-            ));
-        }
-        if probe.is_wide_gamut() {
-            progress.note(&format!(
-                "{}: its colours have the primaries of {}, wider than those of sRGB, and are used as coded: they look \
-                 paler than they are",
-                video.display(),
-                probe.primaries
-            ));
         }
         projection::note_turns(video, &probe, progress);
         let projection = projection::judge(&probe, samples.images());
@@ -353,7 +330,9 @@ fn analysed(
             probe,
             damaged_frames,
             interlaced_frames,
-            repeated_frames,
+            repeated_frames: repetitions.frames,
+            longest_repetition_frames: repetitions.longest,
+            frames_out_of_time,
             signals: SIGNALS_FILE.to_owned(),
         };
         signals.write_parquet(&folder.join(SIGNALS_FILE))?;

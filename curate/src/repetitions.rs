@@ -14,6 +14,21 @@ const REACH: usize = 3;
 /// Share of repeated frames from which on they are reported.
 const REPORTED_SHARE: f64 = 0.05;
 
+/// Step up to which a picture stands still, mean difference of bytes: below what noise of a camera leaves, also where
+/// it stands (0.2 and more over the clips above).
+const STILL_STEP: f64 = 0.02;
+/// Run of repetitions from which on the picture counts as standing still.
+const STILL_RUN: u64 = 10;
+
+/// Frames that repeat the picture of the one before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Repetitions {
+    /// All of them.
+    pub frames: u64,
+    /// The longest run of them.
+    pub longest: u64,
+}
+
 /// Steps between the frames of a video.
 #[derive(Debug, Default)]
 pub(crate) struct RepetitionPass {
@@ -33,14 +48,17 @@ impl RepetitionPass {
         self.before = Some(image);
     }
 
-    /// Returns the number of frames that repeat the one before.
-    pub(crate) fn count(&self) -> u64 {
+    /// Returns the frames that repeat the one before.
+    pub(crate) fn finish(&self) -> Repetitions {
         let largest = |steps: &[f64]| steps.iter().copied().reduce(f64::max);
-        let repeats = |&at: &usize| {
+        let repeats = |at: usize| {
             let (before, others) = self.steps.split_at(at);
             let Some((step, behind)) = others.split_first() else {
                 return false;
             };
+            if *step <= STILL_STEP {
+                return true;
+            }
             let before = &before[before.len().saturating_sub(REACH)..];
             let behind = &behind[..behind.len().min(REACH)];
             match (largest(before), largest(behind)) {
@@ -48,12 +66,29 @@ impl RepetitionPass {
                 _ => false,
             }
         };
-        (0..self.steps.len()).filter(repeats).count() as u64
+        let mut found = Repetitions::default();
+        let mut run = 0;
+        for at in 0..self.steps.len() {
+            run = if repeats(at) { run + 1 } else { 0 };
+            found.frames += u64::from(run > 0);
+            found.longest = found.longest.max(run);
+        }
+        found
     }
 }
 
 /// Returns a line on repeated frames; `None` where they are few.
-pub(crate) fn note(repeated: u64, frames: u64, frames_per_second: f64) -> Option<String> {
+pub(crate) fn note(found: Repetitions, frames: u64, frames_per_second: f64) -> Option<String> {
+    let Repetitions {
+        frames: repeated,
+        longest,
+    } = found;
+    if longest >= STILL_RUN {
+        return Some(format!(
+            "{repeated} of {frames} frames repeat the picture before them, up to {longest} in a row: the picture stands \
+             still; sampled frames may be copies of each other"
+        ));
+    }
     let share = repeated as f64 / frames.max(1) as f64;
     (share >= REPORTED_SHARE).then(|| {
         format!(
@@ -79,7 +114,7 @@ mod tests {
                 data: (0..3 * 16 * 8).map(pixel).collect(),
             });
         }
-        pass.count()
+        pass.finish().frames
     }
 
     #[test]
@@ -90,7 +125,7 @@ mod tests {
         let telecine = count((0..40).map(|frame| frame * 4 / 5), 37);
         assert!((7..=8).contains(&telecine), "{telecine}");
         assert_eq!(count((0..39).map(|frame| frame / 3), 37), 22);
-        // A camera that stands; a single cut.
+        // A camera that stands, with noise; a single cut.
         assert_eq!(count((0..40).map(|_| 0), 37), 0);
         assert_eq!(count((0..40).map(|frame| frame / 20), 37), 0);
         assert_eq!(count(std::iter::empty(), 1), 0);
@@ -98,7 +133,29 @@ mod tests {
 
     #[test]
     fn few_repetitions_are_not_reported() {
-        assert_eq!(note(4, 100, 30.0), None);
-        assert!(note(50, 100, 30.0).is_some_and(|line| line.contains("about 15.0 pictures")));
+        let few = |frames: u64, longest: u64| note(Repetitions { frames, longest }, 100, 30.0);
+        assert_eq!(few(4, 1), None);
+        assert!(few(50, 1).is_some_and(|line| line.contains("about 15.0 pictures")));
+        assert!(few(20, 20).is_some_and(|line| line.contains("20 in a row")));
+    }
+
+    /// Twenty frames of one picture, to the byte, in a video that moves.
+    #[test]
+    fn a_frozen_picture_is_counted_whole() {
+        let mut pass = RepetitionPass::default();
+        for frame in 0..60_usize {
+            let picture = if (20..41).contains(&frame) { 20 } else { frame };
+            let pixel = |at: usize| (at * 7 + 37 * picture) as u8 / 2;
+            pass.observe(Rgb8Image {
+                width: 16,
+                height: 8,
+                data: (0..3 * 16 * 8).map(pixel).collect(),
+            });
+        }
+        let expected = Repetitions {
+            frames: 20,
+            longest: 20,
+        };
+        assert_eq!(pass.finish(), expected);
     }
 }

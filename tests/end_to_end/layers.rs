@@ -110,6 +110,7 @@ const CURATE: &[&[&str]] = &[
     &[
         "boundaries",
         "criteria",
+        "decoding_notes",
         "origins",
         "overlays",
         "video_folder",

@@ -1,6 +1,6 @@
 //! Black borders: letterboxes, pillarboxes and half spheres.
 
-use omnilife_schemas::statistics;
+use omnilife_schemas::{records::Probe, statistics};
 use omnilife_video::Rgb8Image;
 
 use super::{ProjectionTest, median_over};
@@ -33,17 +33,34 @@ pub(super) const SIDES: ProjectionTest = ProjectionTest {
 pub(super) const ROWS: ProjectionTest = ProjectionTest {
     id: "black-rows",
     summary: "Share of the height that is black rows at the top, and as much at the bottom. A \
-              black cap at one pole alone is a patch over a tripod and no border.",
+              black cap at one pole alone is a patch over a tripod and no border, unless frames are \
+              2:1 without it alone.",
     limit: LIMIT,
     at_most: "no black rows above and below",
     above: "black rows above and below: a letterbox",
-    measure: |_, samples| {
+    measure: |probe, samples| {
         median_over(samples, |image| {
             let border = border(image)?;
-            Some(border.top.min(border.bottom) as f64 / image.height as f64)
+            let share = |rows: usize| rows as f64 / image.height as f64;
+            let both = share(border.top.min(border.bottom));
+            let one = share(border.top.max(border.bottom));
+            // Bars on one side alone, if the rest is 2:1 and the whole is not.
+            Some(if is_two_to_one_without(probe, one) {
+                one
+            } else {
+                both
+            })
         })
     },
 };
+
+/// Returns true if frames are not 2:1 with black rows of this share of the height, and are without, to a row in a hundred.
+fn is_two_to_one_without(probe: &Probe, share: f64) -> bool {
+    let (width, height) = probe.upright_size();
+    let ratio = |height: f64| f64::from(width) / (2.0 * height) - 1.0;
+    let [whole, rest] = [1.0, 1.0 - share].map(|part| ratio(f64::from(height) * part).abs());
+    whole > LIMIT && rest <= LIMIT
+}
 
 pub(crate) fn is_black(pixel: [u8; 3]) -> bool {
     pixel.iter().all(|&level| level <= BLACK_LEVEL)
@@ -221,5 +238,25 @@ mod tests {
         }
         assert!(border(&night).is_some_and(|border| border.left > 10));
         assert_eq!(without_sharp_border(&night), None);
+    }
+
+    /// Frames of 512x288 with 32 black rows below are a sphere of 512x256 and padding; those of 512x256 have a patch.
+    #[test]
+    fn rows_on_one_side_are_padding_where_the_rest_is_two_to_one() {
+        let image = |height: usize, black: usize| {
+            let rows = (0..height).map(|y| if y < height - black { 90 } else { 0 });
+            let data = rows.flat_map(|level| [level; 3 * 64]).collect();
+            Rgb8Image::new(64, height, data)
+        };
+        let share =
+            |size: [u32; 2], image: Rgb8Image| (ROWS.measure)(&Probe::of_size(size), &[image]);
+        let padded = share([512, 288], image(36, 4));
+        assert!(
+            padded.is_some_and(|share| (share - 1.0 / 9.0).abs() < 1e-9),
+            "{padded:?}"
+        );
+        assert_eq!(share([512, 256], image(32, 4)), Some(0.0));
+        // Another shape altogether.
+        assert_eq!(share([512, 400], image(50, 4)), Some(0.0));
     }
 }

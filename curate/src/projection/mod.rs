@@ -117,7 +117,12 @@ pub(crate) fn note_turns(video: &Path, probe: &Probe, progress: &dyn Progress) {
         let view = words(view);
         format!("players look where it states first ({view}); frames are not turned, slices do not state it")
     });
-    let lines = [pose, view, stated.turn_fault.clone()];
+    let eye = stated.is_right_eye_first.then(|| {
+        "its container states that the right eye's image is the first one, above or on the left: what is taken as the \
+         left eye's is the right one's"
+            .to_owned()
+    });
+    let lines = [pose, view, stated.turn_fault.clone(), eye];
     for line in lines.into_iter().flatten() {
         progress.note(&format!("{}: {line}", video.display()));
     }

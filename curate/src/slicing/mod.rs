@@ -231,8 +231,11 @@ fn check(source: &SliceSource<'_>, request: &SliceRequest) -> Result<(), String>
     if found != expected.len() {
         return Err(format!("has {found} frames, expected {}", expected.len()));
     }
-    if reader.damaged() > 0 {
-        return Err(format!("has {} damaged frames", reader.damaged()));
+    let unsound = reader.damaged() + reader.out_of_time();
+    if unsound > 0 {
+        return Err(format!(
+            "has {unsound} frames that are damaged or out of time"
+        ));
     }
     Ok(())
 }

@@ -161,6 +161,8 @@ fn analyse(stills: &Stills, source: &SourceVideo) -> Result<VideoAnalysis, Curat
         damaged_frames: 0,
         interlaced_frames: 0,
         repeated_frames: 0,
+        longest_repetition_frames: 0,
+        frames_out_of_time: 0,
         signals: String::new(),
     })
 }

@@ -185,6 +185,8 @@ fn colours_of_a_matrix_that_is_not_converted_are_refused() {
         ("bt470bg", None),
         ("ycgco", Some("YCgCo")),
         ("ictcp", Some("ICtCp")),
+        ("smpte240m", Some("SMPTE 240M")),
+        ("bt2020c", Some("constant luminance")),
     ] {
         let video = folder.join(format!("{matrix}.mkv"));
         let words = format!("-i a.mp4 -c:v mpeg4 -q:v 2 -colorspace {matrix} {matrix}.mkv");
@@ -274,6 +276,47 @@ fn repeated_frames_are_counted_and_told() {
             count("40 frames a second"),
             usize::from(rate > 30.0),
             "{notes:?}"
+        );
+    }
+}
+
+/// Two files joined end to end, a picture that stands still, and a hole of three seconds.
+#[test]
+fn frames_out_of_time_frozen_ones_and_gaps_are_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    erp_clip(folder, "a.mp4", &[1], 40, 10);
+    ffmpeg(folder, "-i a.mp4 -c:v libx264 -crf 20 a.ts");
+    let part = fs::read(folder.join("a.ts")).unwrap();
+    fs::write(folder.join("joined.ts"), [part.clone(), part].concat()).unwrap();
+    ffmpeg(
+        folder,
+        "-i a.mp4 -vf loop=loop=15:size=1:start=20,setpts=N/10/TB -c:v ffv1 still.mkv",
+    );
+    ffmpeg(
+        folder,
+        "-i a.mp4 -vf setpts='(N+if(gte(N\\,20)\\,30\\,0))/10/TB' -fps_mode passthrough -c:v libx264 hole.mp4",
+    );
+    for (name, words) in [
+        ("joined.ts", "are left out: 40"),
+        ("still.mkv", "15 in a row"),
+        ("hole.mp4", "without a frame is 3.1 s"),
+        ("a.mp4", ""),
+    ] {
+        let (out, notes) = (folder.join("out").join(name), Notes::default());
+        curate_video(&folder.join(name), &out, &lenient(), &notes).unwrap();
+        let notes = notes.take();
+        for other in ["are left out: 40", "in a row", "without a frame"] {
+            let is_told = notes.iter().any(|line| line.contains(other));
+            let is_expected = words.contains(other) || other.contains(words) && !words.is_empty();
+            assert_eq!(is_told, is_expected, "{name}, {other}: {notes:?}");
+        }
+        let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
+        assert_eq!(analysis.damaged_frames, 0, "{name}");
+        assert_eq!(analysis.frames_out_of_time > 0, name == "joined.ts");
+        assert_eq!(
+            analysis.longest_repetition_frames,
+            if name == "still.mkv" { 15 } else { 0 }
         );
     }
 }

@@ -139,6 +139,7 @@ fn plain_pillarboxed_and_missing_images_are_unsure() {
 fn metadata_is_heard_and_contradicted() {
     let stated = |projection: &str, stereo: Option<&str>| Probe {
         spherical: Some(SphericalMetadata {
+            is_right_eye_first: false,
             projection: projection.to_owned(),
             stereo: stereo.map(str::to_owned),
             is_cropped: false,

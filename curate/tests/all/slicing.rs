@@ -181,6 +181,8 @@ fn every_second_of_the_source_is_in_a_slice_or_left_out_for_a_reason() {
         damaged_frames: 0,
         interlaced_frames: 0,
         repeated_frames: 0,
+        longest_repetition_frames: 0,
+        frames_out_of_time: 0,
         signals: "signals.parquet".to_owned(),
     };
     let video = SliceSource {

@@ -242,6 +242,8 @@ fn unknown_matrix(space: color::Space) -> Option<&'static str> {
             Some("derived from primaries")
         }
         color::Space::ICTCP => Some("ICtCp"),
+        color::Space::SMPTE240M => Some("SMPTE 240M"),
+        color::Space::BT2020CL => Some("BT.2020 with constant luminance"),
         _ => None,
     }
 }

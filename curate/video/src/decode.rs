@@ -71,6 +71,7 @@ pub struct VideoReader {
     packet_times: Option<[f64; 2]>,
     frames: u64,
     damaged: u64,
+    out_of_time: u64,
     interlaced: u64,
     last_packet_is_partial: bool,
     draining: bool,
@@ -137,6 +138,7 @@ impl VideoReader {
             packet_times: None,
             frames: 0,
             damaged: 0,
+            out_of_time: 0,
             interlaced: 0,
             last_packet_is_partial: false,
             draining: false,
@@ -172,9 +174,15 @@ impl VideoReader {
     }
 
     /// Returns the number of damaged frames and packets so far: patched up by the decoder, or left out because they are
-    /// undecodable or their timestamps run backwards.
+    /// undecodable.
     pub fn damaged(&self) -> u64 {
         self.damaged
+    }
+
+    /// Returns the number of frames so far that were left out because they have no timestamp, or one that is not after
+    /// that of the frame before.
+    pub fn out_of_time(&self) -> u64 {
+        self.out_of_time
     }
 
     /// Returns the number of frames so far that are marked as interlaced: rows of two moments alternate in them.
@@ -282,17 +290,15 @@ impl VideoReader {
         }
     }
 
-    /// Returns the timestamp of a frame in seconds; frames without an increasing one are counted as damaged and left
-    /// out.
+    /// Returns the timestamp of a frame in seconds; frames without an increasing one are counted and left out.
     fn accept(&mut self, image: &ffmpeg::frame::Video) -> Option<f64> {
         let time_seconds = image
             .timestamp()
             .map(|ticks| ticks as f64 * self.seconds_per_tick)
             .filter(|&time| self.last_seconds.is_none_or(|last| time > last));
-        let patched = image.is_corrupt() || image.has_decode_errors();
-        if patched || time_seconds.is_none() {
-            self.damaged += 1;
-        }
+        let is_patched = image.is_corrupt() || image.has_decode_errors();
+        self.damaged += u64::from(is_patched);
+        self.out_of_time += u64::from(time_seconds.is_none() && !is_patched);
         if time_seconds.is_some() {
             self.last_seconds = time_seconds;
             self.frames += 1;

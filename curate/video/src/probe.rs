@@ -237,6 +237,7 @@ fn resolved(SphericalBoxes { v1, v2 }: SphericalBoxes) -> Option<SphericalMetada
         origin: if v2.is_some() { "v2" } else { "v1" }.to_owned(),
         projection: newer.projection.or(older.projection)?,
         stereo: newer.stereo.or(older.stereo),
+        is_right_eye_first: false,
         conflict,
     })
 }
@@ -275,8 +276,8 @@ fn side_data_of(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
         }
         _ => Extent::Whole,
     };
-    let stereo = raw_fields::side_data(stream, SideData::Stereo)
-        .and_then(|layout| raw_fields::stereo_name(&layout));
+    let layout = raw_fields::side_data(stream, SideData::Stereo);
+    let stereo = layout.as_deref().and_then(raw_fields::stereo_name);
     let has_padding = raw_fields::padding(&mapping).is_none_or(|pixels| pixels > 0);
     let name = match projection {
         // A single tile.
@@ -293,6 +294,9 @@ fn side_data_of(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
         turn_fault,
         projection: name.to_owned(),
         stereo: stereo.map(str::to_owned),
+        is_right_eye_first: layout
+            .as_deref()
+            .is_some_and(raw_fields::is_right_eye_first),
         origin: "container".to_owned(),
         conflict: None,
     })

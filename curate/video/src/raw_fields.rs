@@ -293,6 +293,12 @@ pub(super) fn stereo_name(stereo: &[u8]) -> Option<&'static str> {
     unsafe { static_name(av_stereo3d_type_name(layout)) }
 }
 
+/// Returns true if the bytes of an `AVStereo3D` state that the right eye's image is the first.
+pub(super) fn is_right_eye_first(stereo: &[u8]) -> bool {
+    let flags = integer_at(stereo, offset_of!(ffi::AVStereo3D, flags));
+    flags.is_some_and(|flags| flags & ffi::AV_STEREO3D_FLAG_INVERT as c_uint != 0)
+}
+
 fn integer_at(bytes: &[u8], offset: usize) -> Option<c_uint> {
     let bytes = bytes.get(offset..offset.checked_add(size_of::<c_uint>())?)?;
     bytes.try_into().ok().map(c_uint::from_ne_bytes)

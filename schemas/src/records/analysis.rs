@@ -34,6 +34,12 @@ pub struct VideoAnalysis {
     /// Frames that repeat the picture of the one before, as in 15 pictures a second stored at 30.
     #[serde(default)]
     pub repeated_frames: u64,
+    /// Frames of the longest run of them, all of one picture: a picture that stands still.
+    #[serde(default)]
+    pub longest_repetition_frames: u64,
+    /// Frames without a time after that of the frame before, left out: as where files were joined end to end.
+    #[serde(default)]
+    pub frames_out_of_time: u64,
     /// Parquet table of the per-frame signals: `time_seconds` and the detector's columns.
     pub signals: String,
 }

@@ -271,6 +271,9 @@ pub struct SphericalMetadata {
     pub projection: String,
     /// Stereo layout, FFmpeg's name, where it is stated.
     pub stereo: Option<String>,
+    /// `true` if the right eye's image is stated to be the first: above, or on the left.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_right_eye_first: bool,
     /// `true` if the image is stated to cover only a part of the sphere.
     pub is_cropped: bool,
     /// `true` if that part is the half of the sphere ahead: half a turn across, from pole to pole (VR180).
