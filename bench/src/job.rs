@@ -185,8 +185,9 @@ impl ScoringJob {
                 novel_views,
             } => (None, None, input_views.clone(), novel_views.clone()),
             Predictions::Run(file) => {
-                let run = RunFacts::read(file)?;
+                let mut run = RunFacts::read(file)?;
                 check_run(file, &run, request, &split)?;
+                run.note_other_inputs(&request.scene)?;
                 let (input, novel) = (run.input_folder.clone(), run.novel_folder.clone());
                 (Some(file.clone()), Some(run), input, Some(novel))
             }

@@ -49,6 +49,8 @@ pub struct Difference {
     pub mean: f64,
     /// Its 95 % interval from draws of videos with replacement; `None` for scenes of fewer than two videos.
     pub interval: Option<[f64; 2]>,
+    /// Number of these videos.
+    pub videos: usize,
     /// Scenes in which A is better, B is better, and neither is.
     pub scenes: WinsAndLosses,
     /// The same of views.
@@ -302,6 +304,7 @@ fn differences(scenes: &[PairedScene<'_>]) -> Result<Vec<Difference>, BenchError
                 means: means_over_scenes,
                 mean: means_over_scenes[0] - means_over_scenes[1],
                 interval,
+                videos: clusters.len(),
                 scenes: won_scenes,
                 views: won_views,
             });

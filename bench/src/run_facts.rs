@@ -6,7 +6,8 @@ use std::{
 };
 
 use omnilife_schemas::{
-    layout::RUN_FILE,
+    layout::{RUN_FILE, SPLIT_FILE, TRACKS_FILE},
+    plain_text,
     provenance::Hardware,
     records::{Backend, ExternalRun, PhaseName, RunRecord, StageTime, TrainingKind},
     store::{self, Record, StoreError},
@@ -89,6 +90,8 @@ pub(crate) struct RunFacts {
     pub(crate) trace: Option<Trace>,
     /// Hash of its split, if recorded.
     pub(crate) split_sha256: Option<String>,
+    /// Hashes of what it was trained on by their names, if recorded: files of the scene among them.
+    inputs: BTreeMap<String, String>,
 }
 
 impl RunFacts {
@@ -115,6 +118,31 @@ impl RunFacts {
         }
     }
 
+    /// Adds a warning if files of the scene are others than those that the run was trained on.
+    ///
+    /// # Errors
+    /// When one cannot be read.
+    pub(crate) fn note_other_inputs(&mut self, scene: &Path) -> Result<(), BenchError> {
+        let mut others = Vec::new();
+        // These lie beside the split, where the scene may have others of their names.
+        let of_scene = (self.inputs.iter())
+            .filter(|(name, _)| ![SPLIT_FILE, TRACKS_FILE].contains(&name.as_str()));
+        for (name, trained) in of_scene {
+            let file = scene.with_file_name(name);
+            if file.is_file() && store::sha256_file(&file)? != *trained {
+                others.push(name.clone());
+            }
+        }
+        if !others.is_empty() {
+            self.warnings.push(format!(
+                "files of the scene changed after the training: {} ({}); the run did not see what it is scored against",
+                others.len(),
+                plain_text::first_of(&others)
+            ));
+        }
+        Ok(())
+    }
+
     fn of_ours(file: &Path, run: RunRecord, trace: Option<Trace>) -> Self {
         Self {
             trace,
@@ -125,7 +153,8 @@ impl RunFacts {
                 .as_ref()
                 .map(|folder| file.with_file_name(folder)),
             novel_folder: file.with_file_name(&run.predictions.novel_views),
-            split_sha256: run.inputs.get("split.json").cloned(),
+            split_sha256: run.inputs.get(SPLIT_FILE).cloned(),
+            inputs: run.inputs,
             method: run.variant.unwrap_or(run.method),
             scene: run.scene,
             protocol_hash: run.protocol_hash,
@@ -184,6 +213,7 @@ impl RunFacts {
             stages: Vec::new(),
             peak_memory_bytes: run.phases.iter().filter_map(|p| p.peak_memory_bytes).max(),
             warnings: run.warnings,
+            inputs: BTreeMap::new(),
             failure: run.failure,
         }
     }

@@ -6,7 +6,7 @@
 
 use std::path::{Path, PathBuf};
 
-use omnilife_schemas::{rgba, store};
+use omnilife_schemas::{natural_order::natural_paths, rgba, store};
 use serde::Serialize;
 
 use crate::{
@@ -49,7 +49,7 @@ impl VideoConsistency {
     }
 }
 
-/// Returns the T-LPIPS of the PNG images in a folder, in the order of their names, transparent ones over black.
+/// Returns the T-LPIPS of the PNG images in a folder, in natural order of their names, transparent ones over black.
 ///
 /// # Errors
 /// When the network's weights are missing, there are fewer than two images, or one cannot be read, has another size or
@@ -60,7 +60,8 @@ pub fn video_consistency(folder: &Path) -> Result<VideoConsistency, BenchError> 
         let is_png = path.extension().is_some_and(|extension| extension == "png");
         is_png && !store::is_hidden(path)
     };
-    let (images, others): (Vec<PathBuf>, Vec<PathBuf>) = paths.partition(is_png);
+    let (mut images, others): (Vec<PathBuf>, Vec<PathBuf>) = paths.partition(is_png);
+    images.sort_by(|a, b| natural_paths(a, b));
     if images.len() < 2 {
         return Err(too_few(folder, images.len()));
     }

@@ -8,72 +8,12 @@
 )]
 
 use std::{
-    cmp::Ordering,
     collections::BTreeSet,
     path::{Path, PathBuf},
 };
 
+pub(crate) use omnilife_schemas::natural_order::{natural_paths, number};
 use omnilife_schemas::store::{self, StoreError};
-
-/// A part of a name.
-#[derive(PartialEq, Eq, PartialOrd, Ord)]
-enum Piece<'a> {
-    /// Without leading zeros; the longer one is the larger.
-    Number {
-        length: usize,
-        digits: &'a str,
-    },
-    Text(&'a str),
-}
-
-fn pieces(name: &str) -> Vec<Piece<'_>> {
-    let mut pieces = Vec::new();
-    let mut rest = name;
-    while !rest.is_empty() {
-        let is_number = rest.starts_with(|letter: char| letter.is_ascii_digit());
-        let end = rest
-            .find(|letter: char| letter.is_ascii_digit() != is_number)
-            .unwrap_or(rest.len());
-        let (piece, after) = rest.split_at(end);
-        pieces.push(if is_number {
-            let digits = piece.trim_start_matches('0');
-            Piece::Number {
-                length: digits.len(),
-                digits,
-            }
-        } else {
-            Piece::Text(piece)
-        });
-        rest = after;
-    }
-    pieces
-}
-
-/// Returns the order of two names or paths.
-pub(crate) fn natural(a: &str, b: &str) -> Ordering {
-    pieces(a).cmp(&pieces(b)).then_with(|| a.cmp(b))
-}
-
-/// Returns the order of two files.
-pub(crate) fn natural_paths(a: &Path, b: &Path) -> Ordering {
-    natural(&a.to_string_lossy(), &b.to_string_lossy())
-}
-
-/// Returns the number of a frame by its file.
-pub(crate) fn number(file: &Path) -> Option<u64> {
-    let stem = file.file_stem()?.to_string_lossy();
-    let last = pieces(&stem)
-        .into_iter()
-        .rev()
-        .find_map(|piece| match piece {
-            Piece::Number { digits, .. } => Some(digits),
-            Piece::Text(_) => None,
-        })?;
-    if last.is_empty() {
-        return Some(0);
-    }
-    last.parse().ok()
-}
 
 /// Returns the name of a file without its folder, up to the last run of digits.
 fn before_number(file: &Path) -> String {
@@ -184,6 +124,8 @@ fn greatest_common_divisor(a: u64, b: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use omnilife_schemas::natural_order::natural;
+
     use super::*;
 
     #[test]

@@ -13,6 +13,8 @@ use crate::records::Direction;
 
 /// Number of resamples.
 pub const RESAMPLES: usize = 1000;
+/// Number of videos below which percentile intervals are known to be too short.
+pub const FEW_VIDEOS: usize = 10;
 
 /// Seed of the draws: the same results give the same intervals.
 const SEED: u64 = 360;

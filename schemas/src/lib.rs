@@ -56,8 +56,8 @@ pub mod trajectory;
 #[doc(no_inline)]
 pub use omnilife_base::{
     Classified, ErrorKind, assignment, band_matrix, child, elapsed, error_kind, foreign_code, lock,
-    names, npy, ownership, placeholders, plain_text, process, progress, provenance, stage, staging,
-    statistics, store, testing, toml_file,
+    names, natural_order, npy, ownership, placeholders, plain_text, process, progress, provenance,
+    stage, staging, statistics, store, testing, toml_file,
 };
 pub use pose::{Pose, Similarity};
 pub use rgb::RgbImage;

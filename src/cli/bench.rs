@@ -243,7 +243,7 @@ pub(crate) enum BenchCommand {
     },
     /// Scores a video without a truth, such as an edited one: T-LPIPS over neighbouring frames, as JSON.
     Video {
-        /// Folder of PNG images, frames in the order of their names.
+        /// Folder of PNG images, frames in natural order of their names: 2 before 10.
         views: PathBuf,
         /// Also scores another video of the same frames, for comparison: a moving camera changes images too.
         #[arg(long, value_name = "VIEWS")]

@@ -64,6 +64,7 @@ pub(crate) fn execute(
             preparation::prepare(&[method], scene, &split, &tracking, progress)?;
             let can_be_left_out = |component: &str| {
                 let mut without = asked.clone();
+                without.with.retain(|name| name != component);
                 without.without.push(component.to_owned());
                 method.check(&without, arguments.backend.into()).is_ok()
             };

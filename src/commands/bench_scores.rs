@@ -7,7 +7,7 @@ use std::{
 
 use omnilife_bench::{Difference, PairedComparison, Predictions, WinsAndLosses};
 use omnilife_schemas::{
-    ErrorKind,
+    ErrorKind, bootstrap,
     plain_text::counted,
     progress::Progress,
     records::{Direction, ResultRecord},
@@ -152,6 +152,9 @@ fn comparison_text(comparison: &PairedComparison) -> String {
     }
     text += "A:B:= counts where A is better, B is better, and neither is.";
     text += match comparison.differences.iter().find(|d| d.interval.is_some()) {
+        Some(one) if one.videos < bootstrap::FEW_VIDEOS => {
+            " Intervals are from draws of videos; so few videos make them too narrow.\n"
+        }
         Some(_) => " Intervals are from draws of videos.\n",
         None => " No intervals: they need scenes of at least two videos.\n",
     };

@@ -16,6 +16,7 @@ const BASE: &[&[&str]] = &[
         "error_kind",
         "foreign_code",
         "names",
+        "natural_order",
         "placeholders",
         "plain_text",
         "process",

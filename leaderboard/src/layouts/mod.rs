@@ -184,7 +184,7 @@ pub(crate) fn common_notes(group: &Group<'_>, of_equal_weight: &str) -> Vec<Stri
     notes.push(if places.len() < 2 {
         "No intervals: they need scenes of at least two videos.".to_owned()
     } else {
-        let few = if places.len() < FEW_VIDEOS {
+        let few = if places.len() < omnilife_schemas::bootstrap::FEW_VIDEOS {
             " So few videos make them too narrow."
         } else {
             ""
@@ -269,9 +269,6 @@ fn class_note(group: &Group<'_>) -> Option<String> {
     }
     (!sentences.is_empty()).then(|| sentences.join(" "))
 }
-
-/// Number of clusters below which percentile intervals are known to be too short.
-const FEW_VIDEOS: usize = 10;
 
 /// Returns the numbers of omitted variants and metrics, and their places.
 fn left_out(group: &Group<'_>) -> Vec<String> {

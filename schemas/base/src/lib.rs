@@ -21,6 +21,7 @@ pub mod error_kind;
 pub mod foreign_code;
 pub mod lock;
 pub mod names;
+pub mod natural_order;
 pub mod npy;
 pub mod ownership;
 pub mod placeholders;
