@@ -396,3 +396,30 @@ fn a_metric_that_does_not_exist_is_refused_by_name() {
     let line = unknown.unwrap_err().to_string();
     assert!(line.contains("did you mean \"psnr\"?"), "{line}");
 }
+
+/// A frame that is another one than the run was trained on is named in the result's warnings.
+#[test]
+fn files_of_a_scene_that_changed_after_the_training_are_told() {
+    let bench = Bench::new();
+    let run = bench.at("run.json");
+    let scene = &bench.request.scene;
+    let name = store::read_record::<Scene>(scene).unwrap().frames[0]
+        .image
+        .clone();
+    for (trained, warnings) in [
+        (store::sha256_file(&scene.with_file_name(&name)).unwrap(), 1),
+        ("0".repeat(64), 2),
+    ] {
+        let record = RunRecord {
+            inputs: [(name.clone(), trained)].into(),
+            ..run_record(&bench)
+        };
+        store::write_record(&run, &record).unwrap();
+        let (split, out) = (&bench.request.split, bench.at(&format!("out-{warnings}")));
+        let request = ScoreRequest::of_run(scene, split, &run, &out).unwrap();
+        let result = score(&request, &Silent).unwrap();
+        assert_eq!(result.warnings.len(), warnings, "{:?}", result.warnings);
+        let is_named = result.warnings.iter().any(|line| line.contains(&name));
+        assert_eq!(is_named, warnings == 2);
+    }
+}

@@ -14,6 +14,7 @@ use omnilife_schemas::{
     },
     layout::CAMERAS_FILE,
     ownership::{NameState, OwnFile},
+    plain_text,
     progress::Progress,
     records::{WordedView, WordedViews},
     stage::StagePlan,
@@ -189,6 +190,7 @@ pub fn render_poses(
         out.add_all(files.iter().filter(|file| *file != CAMERAS_FILE));
         // Images of earlier renderings stay, and stay this stage's own; a record of other cameras does not.
         let own = stage.own_files();
+        let mut earlier = Vec::new();
         for OwnFile { file, .. } in own.files() {
             if out.has(&file) || own.standing(&file)? != NameState::Ours {
                 continue;
@@ -196,8 +198,17 @@ pub fn render_poses(
             if file == CAMERAS_FILE {
                 store::remove(&request.out.join(file))?;
             } else {
+                earlier.push(file.clone());
                 out.add(file);
             }
+        }
+        if !earlier.is_empty() {
+            progress.note(&format!(
+                "{}: images of earlier renderings stay: {} ({}); a folder of its own holds these alone",
+                request.out.display(),
+                earlier.len(),
+                plain_text::first_of(&earlier)
+            ));
         }
         Ok(rendered)
     })

@@ -55,7 +55,7 @@ impl ExportedScene {
             mut invalid,
             ..
         } = OpenedSource::open(request)?;
-        let seconds = shown_moment(request, &model);
+        let seconds = shown_moment(request, &model)?;
         let (moments, without_moments) = match moments(request, format, &mut model, &frame) {
             None => (None, None),
             Some(Ok(moments)) => (Some(moments), None),
@@ -166,13 +166,22 @@ fn run_with_splats(folder: &Path) -> Result<RunRecord, ReconstructError> {
 }
 
 /// Returns the moment that levels show, if the scene depends on time.
-fn shown_moment(request: &ExportRequest, model: &Model) -> Option<f64> {
-    let span = model.time_span()?;
-    Some(
-        request
-            .time_seconds
-            .unwrap_or_else(|| span.middle_seconds()),
-    )
+///
+/// # Errors
+/// For a time outside of the clip.
+fn shown_moment(request: &ExportRequest, model: &Model) -> Result<Option<f64>, ReconstructError> {
+    let Some(span) = model.time_span() else {
+        return Ok(None);
+    };
+    let seconds = request
+        .time_seconds
+        .unwrap_or_else(|| span.middle_seconds());
+    let [begin, end] = [span.begin_seconds, span.end_seconds];
+    if (begin..=end).contains(&seconds) {
+        return Ok(Some(seconds));
+    }
+    let reason = format!("--time must be within the clip, {begin:.3} to {end:.3} s, got {seconds}");
+    Err(ReconstructError::Request { reason })
 }
 
 /// Returns the moments of a dynamic scene; `None` for a static scene or for one moment.
