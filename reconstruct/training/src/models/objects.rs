@@ -127,7 +127,7 @@ impl EditedObjects<'_> {
                 let seconds = script::delay(*seconds, *frames)?.seconds(self.views)?;
                 self.change(at, |path| path.delayed(seconds));
                 self.stays_in_clip(at)?;
-                format!("retime {id} by {seconds} s")
+                format!("retime {id} by {} s", (1e6 * seconds).round() / 1e6)
             }
             Edit::Texture { .. } => {
                 return Err(
