@@ -8,6 +8,7 @@ use omnilife_bench::{protocols, split_scene};
 use omnilife_reconstruct::{
     jobs::plan_cost,
     methods::{self, Method},
+    request::MethodRequest,
 };
 use omnilife_schemas::{
     ErrorKind,
@@ -63,9 +64,7 @@ pub(crate) fn execute(
             let tracking = TrackOptions::default();
             preparation::prepare(&[method], scene, &split, &tracking, progress)?;
             let can_be_left_out = |component: &str| {
-                let mut without = asked.clone();
-                without.with.retain(|name| name != component);
-                without.without.push(component.to_owned());
+                let without = without(&asked, component);
                 method.check(&without, arguments.backend.into()).is_ok()
             };
             let decisions = plan_cost::decisions(scene, &split, method, &asked)?;
@@ -137,6 +136,14 @@ fn with_ablated(method: &Method, arguments: &MethodArguments) -> anyhow::Result<
         }
     }
     Ok(arguments)
+}
+
+/// Returns a request without a component, which may be one that it asks for.
+fn without(asked: &MethodRequest, component: &str) -> MethodRequest {
+    let mut without = asked.clone();
+    without.with.retain(|name| name != component);
+    without.without.push(component.to_owned());
+    without
 }
 
 fn as_result(failures: &[(String, String, ErrorKind)], rows: usize) -> anyhow::Result<()> {
@@ -228,6 +235,22 @@ mod tests {
     struct MethodLine {
         #[command(flatten)]
         method: MethodArguments,
+    }
+
+    /// Every component of the publication's ablation can be left out, those asked for by `--paper` too.
+    #[test]
+    fn components_that_are_asked_for_can_be_left_out() {
+        let method = methods::find("omni4dgs").expect("a method");
+        let line = MethodLine::try_parse_from(["omnilife", "--method", "omni4dgs"]);
+        let arguments = line.expect("arguments").method;
+        let arguments = with_ablated(method, &arguments).expect("an ablation");
+        let asked = arguments.request(10).expect("a request");
+        for component in method.ablation {
+            let without = without(&asked, component);
+            let checked = method.check(&without, arguments.backend.into());
+            assert!(checked.is_ok(), "{component}: {checked:?}");
+            assert!(!without.with.iter().any(|name| name == component));
+        }
     }
 
     #[test]
