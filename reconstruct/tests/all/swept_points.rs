@@ -8,6 +8,7 @@ use omnilife_reconstruct::{
     components::{self, Supported, denser_points, swept_points},
     evidence::pilot::PilotFit,
     methods::{self, group::CameraPose},
+    options::Options,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::Session,
@@ -260,6 +261,25 @@ fn added_points_leave_the_limit_on_gaussians_where_it_was() {
     let [half, completed] = [&[][..], &[denser_points::ID]].map(|with| half_measured(with).0);
     assert!(completed.points.len() > half.points.len());
     assert_eq!(maximum(&completed), maximum(&half));
+}
+
+/// With no room for a Gaussian more, the component is asked for, adds nothing, and does not count as used.
+#[test]
+fn a_component_that_adds_no_point_is_not_used() {
+    let (mut scene, _) = half_measured(&[]);
+    let given = scene.points.len();
+    let mut request = MethodRequest {
+        with: vec![denser_points::ID.to_owned()],
+        ..MethodRequest::new(ITERATIONS, 3)
+    };
+    request.options = Options::at_most(given as u64);
+    let supported = Supported {
+        default: &[],
+        optional: &[denser_points::ID],
+    };
+    let decision = components::complete_points(&mut scene, supported, &request).unwrap();
+    assert!(!decision.used, "{}", decision.reason);
+    assert_eq!((scene.points.len(), scene.added_points), (given, 0));
 }
 
 #[test]

@@ -50,7 +50,12 @@ pub fn complete(
         .even_if_full()
         .resolved(ID, request);
     if decision.used {
-        match swept::points(scene, wanted(scene, request), request.seed) {
+        let wanted = wanted(scene, request);
+        match swept::points(scene, wanted, request.seed) {
+            Some(found) if found.points.is_empty() => {
+                decision.used = false;
+                decision.reason += &format!("; none is added, where there is room for {wanted}");
+            }
             Some(found) => add(found, scene, &mut decision),
             None => {
                 decision.used = false;
