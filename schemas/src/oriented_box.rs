@@ -24,6 +24,22 @@ pub struct OrientedBox {
 }
 
 impl OrientedBox {
+    /// Pairs of corners that an edge joins, by the numbers of [`OrientedBox::corners`].
+    pub const EDGES: [[usize; 2]; 12] = [
+        [0, 1],
+        [2, 3],
+        [4, 5],
+        [6, 7],
+        [0, 2],
+        [1, 3],
+        [4, 6],
+        [5, 7],
+        [0, 4],
+        [1, 5],
+        [2, 6],
+        [3, 7],
+    ];
+
     /// Returns its corners: bit `n` of a corner's number is set on the far side along axis `n`.
     pub fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|number| {

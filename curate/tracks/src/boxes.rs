@@ -50,22 +50,6 @@ pub fn with_headings(centre: BSpline, axes: &GroundAxes, metres_per_unit: f64) -
     }
 }
 
-/// Pairs of corners that an edge joins, by the numbers of [`OrientedBox::corners`]: those that differ in one bit.
-const EDGES: [[usize; 2]; 12] = [
-    [0, 1],
-    [2, 3],
-    [4, 5],
-    [6, 7],
-    [0, 2],
-    [1, 3],
-    [4, 6],
-    [5, 7],
-    [0, 4],
-    [1, 5],
-    [2, 6],
-    [3, 7],
-];
-
 /// Returns the edges of the box of an object in an image, pixels. `None` if a corner is not in front of the camera.
 pub fn projected_edges(
     view: &PosedView,
@@ -74,7 +58,7 @@ pub fn projected_edges(
     dimensions: [f64; 3],
 ) -> Option<[[DVec2; 2]; 12]> {
     let corners = projected_corners(view, centre, rotation, dimensions)?;
-    Some(EDGES.map(|edge| edge.map(|corner| corners[corner])))
+    Some(OrientedBox::EDGES.map(|edge| edge.map(|corner| corners[corner])))
 }
 
 /// Returns the corners of the box of an object in an image, pixels. `None` if one is not in front of the camera.

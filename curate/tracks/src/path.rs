@@ -309,17 +309,22 @@ mod tests {
         assert_eq!(kept([t; 8]), [0, 7]);
     }
 
-    /// A car drives into the image from the left, seen from 40 m above: its middle is where it is, though the border
-    /// cuts off all but a part of it.
-    #[test]
-    fn cut_boxes_give_the_middle_of_the_whole_vehicle() {
-        let view = PosedView {
+    /// A camera that looks straight down from 40 m.
+    fn from_above() -> PosedView {
+        PosedView {
             frame: 0,
             seconds: 1.0,
             camera: PinholeCamera::with_horizontal_field_of_view(640, 360, 1.1).into(),
             to_world: DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z),
             centre: DVec3::Z * 40.0,
-        };
+        }
+    }
+
+    /// A car drives into the image from the left, seen from 40 m above: its middle is where it is, though the border
+    /// cuts off all but a part of it.
+    #[test]
+    fn cut_boxes_give_the_middle_of_the_whole_vehicle() {
+        let view = from_above();
         let axes = GroundAxes::new(DVec3::Z);
         let sides = [4.5, 1.8, 1.5];
         let half = 40.0 * 0.55_f64.tan();
@@ -369,13 +374,7 @@ mod tests {
     /// A box around two vehicles is uncertain, and one around the vehicle is not.
     #[test]
     fn boxes_of_other_sides_are_uncertain() {
-        let view = PosedView {
-            frame: 0,
-            seconds: 1.0,
-            camera: PinholeCamera::with_horizontal_field_of_view(640, 360, 1.1).into(),
-            to_world: DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z),
-            centre: DVec3::Z * 40.0,
-        };
+        let view = from_above();
         let axes = GroundAxes::new(DVec3::Z);
         let sides = [4.5, 1.8, 1.5];
         let centre = DVec3::new(2.0, 1.0, 0.75);

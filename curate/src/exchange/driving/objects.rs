@@ -23,22 +23,6 @@ const NEAR_METRES: f64 = 0.1;
 const GAP_STEPS: f64 = 1.5;
 /// Smallest side of a box in an image, pixels.
 pub(super) const LEAST_SIDE_PIXELS: f64 = 1.0;
-/// Pairs of corners that an edge joins, by the numbers of [`OrientedBox::corners`].
-const EDGES: [[usize; 2]; 12] = [
-    [0, 1],
-    [2, 3],
-    [4, 5],
-    [6, 7],
-    [0, 2],
-    [1, 3],
-    [4, 6],
-    [5, 7],
-    [0, 4],
-    [1, 5],
-    [2, 6],
-    [3, 7],
-];
-
 /// Upward direction of the worlds of both layouts.
 pub(super) const UP: DVec3 = DVec3::Z;
 
@@ -219,7 +203,7 @@ pub(super) fn projected(one: &OrientedBox, camera: &PinholeCamera) -> Option<[f6
         from + (to - from) * ((NEAR_METRES - from.z) / (to.z - from.z))
     };
     let (mut least, mut greatest) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-    for [from, to] in EDGES {
+    for [from, to] in OrientedBox::EDGES {
         let (Some(&from), Some(&to)) = (corners.get(from), corners.get(to)) else {
             continue;
         };
