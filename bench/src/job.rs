@@ -188,6 +188,7 @@ impl ScoringJob {
                 let mut run = RunFacts::read(file)?;
                 check_run(file, &run, request, &split)?;
                 run.note_other_inputs(&request.scene)?;
+                run.note_changed_views(file)?;
                 let (input, novel) = (run.input_folder.clone(), run.novel_folder.clone());
                 (Some(file.clone()), Some(run), input, Some(novel))
             }

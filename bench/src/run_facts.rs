@@ -7,9 +7,11 @@ use std::{
 
 use omnilife_schemas::{
     layout::{RUN_FILE, SPLIT_FILE, TRACKS_FILE},
+    ownership::{NameState, OwnFile},
     plain_text,
     provenance::Hardware,
     records::{Backend, ExternalRun, PhaseName, RunRecord, StageTime, TrainingKind},
+    stage::StagePlan,
     store::{self, Record, StoreError},
 };
 
@@ -90,6 +92,8 @@ pub(crate) struct RunFacts {
     pub(crate) trace: Option<Trace>,
     /// Hash of its split, if recorded.
     pub(crate) split_sha256: Option<String>,
+    /// Name of the stage that wrote it.
+    stage: &'static str,
     /// Hashes of what it was trained on by their names, if recorded: files of the scene among them.
     inputs: BTreeMap<String, String>,
 }
@@ -116,6 +120,35 @@ impl RunFacts {
             )
             .into())
         }
+    }
+
+    /// Adds a warning if views of the run with the record `file` are not as it wrote them.
+    ///
+    /// # Errors
+    /// When one cannot be read.
+    pub(crate) fn note_changed_views(&mut self, file: &Path) -> Result<(), BenchError> {
+        // A failed run leaves views of which nothing is known, and none of them is scored.
+        let Some(folder) = file.parent().filter(|_| self.failure.is_none()) else {
+            return Ok(());
+        };
+        let written = StagePlan::new(folder, self.stage).own_files();
+        let views = [Some(&self.novel_folder), self.input_folder.as_ref()];
+        let mut changed = Vec::new();
+        for OwnFile { file, .. } in written.files() {
+            let path = folder.join(&file);
+            let is_view = views.iter().flatten().any(|views| path.starts_with(views));
+            if is_view && written.standing(&file)? == NameState::Changed {
+                changed.push(file);
+            }
+        }
+        if !changed.is_empty() {
+            self.warnings.push(format!(
+                "views changed after the run wrote them: {} ({}); scores are of the changed ones",
+                changed.len(),
+                plain_text::first_of(&changed)
+            ));
+        }
+        Ok(())
     }
 
     /// Adds a warning if files of the scene are others than those that the run was trained on.
@@ -146,6 +179,7 @@ impl RunFacts {
     fn of_ours(file: &Path, run: RunRecord, trace: Option<Trace>) -> Self {
         Self {
             trace,
+            stage: RunRecord::STAGE,
             stages: run.stage_times(),
             input_folder: run
                 .predictions
@@ -189,6 +223,7 @@ impl RunFacts {
             input_folder: run.input_views.map(|folder| file.with_file_name(folder)),
             novel_folder: file.with_file_name(&run.novel_views),
             trace: None,
+            stage: ExternalRun::STAGE,
             split_sha256: None,
             method: run.method,
             scene: run.scene,

@@ -26,6 +26,7 @@ pub(crate) fn lines(probe: &Probe, faults: &Faults) -> Vec<String> {
         gap(probe),
         high_range(probe),
         wide_gamut(probe),
+        assumed_matrix(probe),
     ];
     lines.into_iter().flatten().collect()
 }
@@ -81,4 +82,12 @@ fn wide_gamut(probe: &Probe) -> Option<String> {
             probe.primaries
         )
     })
+}
+
+fn assumed_matrix(probe: &Probe) -> Option<String> {
+    let matrix = probe.assumed_matrix.as_ref()?;
+    Some(format!(
+        "states no matrix of its colours, and {matrix} is taken, as players do at {}x{}",
+        probe.width, probe.height
+    ))
 }

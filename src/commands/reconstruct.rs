@@ -229,7 +229,16 @@ pub(super) fn film(rendered: &RenderedViews, file: &Path) -> anyhow::Result<Stri
     };
     let (images, times) = (&rendered.files, &rendered.times_seconds);
     let timing = video::encode(images, times, projection, file)?;
-    Ok(format!("{} {timing}\n", file.display()))
+    let mut text = format!("{} {timing}\n", file.display());
+    let sides = [rendered.camera.width(), rendered.camera.height()];
+    if sides.iter().any(|side| side % 2 == 1) {
+        let [width, height] = sides.map(|side| side.next_multiple_of(2));
+        text += &format!(
+            "video has even sides: its images are widened to {width}x{height} by repeating their last pixels, and the \
+             sphere in them is narrower by as much\n"
+        );
+    }
+    Ok(text)
 }
 
 /// Returns the table of the shares that no input view saw, or the reason why it is missing.

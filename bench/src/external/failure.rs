@@ -10,7 +10,7 @@ use omnilife_schemas::{
     store,
 };
 
-use super::{EXTERNAL_RUN_FILE, INPUT_FOLDER, NOVEL_FOLDER, STAGE};
+use super::{EXTERNAL_RUN_FILE, INPUT_FOLDER, NOVEL_FOLDER};
 use crate::{error::BenchError, split};
 
 /// A failed run, its reason, and the place of the record.
@@ -68,7 +68,7 @@ pub fn record_failure(
         None => fallback,
     };
     // The record of a run may be replaced by that of its failure, nothing else may.
-    StagePlan::new(&request.out, STAGE).run([EXTERNAL_RUN_FILE], progress, |out| {
+    StagePlan::new(&request.out, ExternalRun::STAGE).run([EXTERNAL_RUN_FILE], progress, |out| {
         for folder in [NOVEL_FOLDER, INPUT_FOLDER] {
             store::create_folder(&out.path(folder))?;
         }

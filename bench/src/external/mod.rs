@@ -31,8 +31,6 @@ use placeholders::Places;
 
 /// Name of the record in the run's folder.
 pub const EXTERNAL_RUN_FILE: &str = "external-run.json";
-/// Name of the stage in the run's folder.
-const STAGE: &str = "external";
 /// Folder for the method's own use, relative to the run's folder.
 const WORK_FOLDER: &str = "work";
 const LOG_FOLDER: &str = "logs";
@@ -75,7 +73,7 @@ pub fn run_external(
     store::create_folder(&request.out)?;
     let places = Places::new(request, &scene)?;
     let identity = SceneIdentity::of_split(&request.scene, &scene, &split, &[])?;
-    let plan = StagePlan::new(&request.out, STAGE)
+    let plan = StagePlan::new(&request.out, ExternalRun::STAGE)
         .with_text("seed", &request.seed.to_string())
         .with_file(&request.manifest)?
         .with_file(&request.scene)?

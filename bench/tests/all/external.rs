@@ -13,7 +13,7 @@ use omnilife_bench::{
 use omnilife_schemas::{
     Classified, ErrorKind,
     progress::Silent,
-    records::{ExternalRun, PhaseName},
+    records::{ExternalRun, PhaseName, ResultRecord},
     testing::Notes,
 };
 use scenes::scene;
@@ -117,6 +117,25 @@ fn a_method_is_run_measured_and_scored() {
     assert_eq!(result.novel_views, theirs.novel_views);
     assert!(result.input_views.is_empty() && result.failures.is_empty());
     assert_eq!(result.training_seconds, Some(run.phases[0].wall_seconds));
+}
+
+/// An image that another program wrote over a view of the run.
+#[test]
+fn views_that_changed_after_their_run_are_told_with_its_scores() {
+    let stand = copying_stand();
+    let run = stand.run();
+    let changed_views = |result: ResultRecord| {
+        let mut warnings = result.warnings.into_iter();
+        warnings.find(|line| line.contains("changed after the run"))
+    };
+    let whole = score(&stand.score_request(), &Silent).unwrap();
+    assert_eq!(changed_views(whole), None);
+    let name = format!("{:06}.png", stand.bench.split.novel_views[0]);
+    let view = stand.request.out.join(&run.novel_views).join(&name);
+    scoring::image(0, 9).write_png(&view).unwrap();
+    let changed = score(&stand.score_request(), &Silent).unwrap();
+    let line = changed_views(changed).unwrap();
+    assert!(line.contains(": 1 (") && line.contains(&name), "{line}");
 }
 
 /// Views that are missing, of another size, grey, or of a format that is not read.

@@ -185,7 +185,8 @@ fn colours_of_a_matrix_that_is_not_converted_are_refused() {
         ("bt470bg", None),
         ("ycgco", Some("YCgCo")),
         ("ictcp", Some("ICtCp")),
-        ("smpte240m", Some("SMPTE 240M")),
+        ("smpte240m", None),
+        ("fcc", None),
         ("bt2020c", Some("constant luminance")),
     ] {
         let video = folder.join(format!("{matrix}.mkv"));
@@ -200,6 +201,36 @@ fn colours_of_a_matrix_that_is_not_converted_are_refused() {
             }
             (found, _) => panic!("{matrix}: {found:?}"),
         }
+    }
+}
+
+#[test]
+fn an_assumed_matrix_of_colours_is_recorded_and_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    erp_clip(folder, "a.mp4", &[1], 20, 10);
+    let large = "-vf scale=1280:640";
+    for (name, options, expected) in [
+        ("small.mkv", "-c:v mpeg4 -q:v 2", Some("BT.601")),
+        (
+            "large.mkv",
+            &format!("{large} -c:v mpeg4 -q:v 2"),
+            Some("BT.709"),
+        ),
+        ("stated.mkv", "-c:v mpeg4 -q:v 2 -colorspace bt470bg", None),
+        ("rgb.mkv", "-c:v ffv1 -pix_fmt gbrp", None),
+        ("grey.mkv", "-c:v ffv1 -pix_fmt gray", None),
+    ] {
+        ffmpeg(folder, &format!("-i a.mp4 {options} {name}"));
+        let (out, notes) = (folder.join("out").join(name), Notes::default());
+        curate_video(&folder.join(name), &out, &lenient(), &notes).unwrap();
+        let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
+        assert_eq!(analysis.probe.assumed_matrix.as_deref(), expected, "{name}");
+        let notes = notes.take();
+        let is_told = notes
+            .iter()
+            .any(|line| line.contains("matrix of its colours"));
+        assert_eq!(is_told, expected.is_some(), "{notes:?}");
     }
 }
 

@@ -7,9 +7,10 @@ use ffmpeg_next as ffmpeg;
 
 use super::{
     Colour, PixelFormat,
+    matrix::{self, Matrix},
     planes::Plane,
     reduce::Reduction,
-    scaler::{FrameShape, Matrix, Scaler},
+    scaler::{FrameShape, Scaler},
 };
 use crate::error::VideoError;
 
@@ -133,7 +134,7 @@ impl Converter {
             space: colour.space,
             range: colour.range,
         };
-        if let Some(name) = unknown_matrix(colour.space) {
+        if let Some(name) = matrix::unknown_matrix(colour.space) {
             let reason = format!("its colours have the matrix {name}, which is not converted");
             let advice = "have them converted: ffmpeg -i IN -vf zscale=matrix=709 OUT";
             return Err(VideoError::mendable(path, reason, advice));
@@ -211,14 +212,12 @@ impl Configuration {
     }
 
     fn matrix(&self, scaling: Scaling) -> Matrix {
-        match self.space {
-            color::Space::BT709 => Matrix::Bt709,
-            color::Space::BT2020NCL | color::Space::BT2020CL => Matrix::Bt2020,
-            color::Space::BT470BG | color::Space::SMPTE170M | color::Space::FCC => Matrix::Bt601,
-            _ if matches!(scaling, Scaling::Exactly { .. }) => Matrix::Bt601,
-            _ if self.shape.height > 576 || self.shape.width > 1024 => Matrix::Bt709,
-            _ => Matrix::Bt601,
-        }
+        let FrameShape { width, height, .. } = self.shape;
+        let assumed = match scaling {
+            Scaling::Exactly { .. } => Matrix::Bt601,
+            Scaling::Native | Scaling::MaxWidth(_) => Matrix::assumed(width, height),
+        };
+        Matrix::stated(self.space).unwrap_or(assumed)
     }
 
     fn is_full_range(&self) -> bool {
@@ -230,21 +229,6 @@ impl Configuration {
                     | PixelFormat::YUVJ444P
                     | PixelFormat::YUVJ440P
             )
-    }
-}
-
-/// Returns the name of a matrix between YUV and RGB that the scaler does not know: it would take another one.
-fn unknown_matrix(space: color::Space) -> Option<&'static str> {
-    match space {
-        color::Space::YCGCO => Some("YCgCo"),
-        color::Space::SMPTE2085 => Some("SMPTE 2085"),
-        color::Space::ChromaDerivedNCL | color::Space::ChromaDerivedCL => {
-            Some("derived from primaries")
-        }
-        color::Space::ICTCP => Some("ICtCp"),
-        color::Space::SMPTE240M => Some("SMPTE 240M"),
-        color::Space::BT2020CL => Some("BT.2020 with constant luminance"),
-        _ => None,
     }
 }
 

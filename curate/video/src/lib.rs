@@ -9,6 +9,7 @@ pub mod convert;
 pub mod decode;
 pub mod error;
 mod luma;
+mod matrix;
 mod mp4_boxes;
 pub mod packets;
 mod pixel_format;

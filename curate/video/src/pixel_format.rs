@@ -85,6 +85,15 @@ impl PixelFormat {
             .unwrap_or(0)
     }
 
+    /// Returns true for YUV: RGB comes from it by a matrix. False for an unknown format.
+    pub(super) fn has_matrix(self) -> bool {
+        let others =
+            ffi::AV_PIX_FMT_FLAG_RGB | ffi::AV_PIX_FMT_FLAG_PAL | ffi::AV_PIX_FMT_FLAG_BAYER;
+        self.descriptor().is_some_and(|descriptor| {
+            descriptor.nb_components >= 3 && descriptor.flags & others as u64 == 0
+        })
+    }
+
     /// Rows of a plane of a frame of this many rows.
     pub(super) fn plane_rows(self, plane: usize, height: usize) -> usize {
         let halvings = self

@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use ffmpeg::{ffi, format::stream::Disposition};
+use ffmpeg::{color::Space, ffi, format::stream::Disposition};
 use ffmpeg_next as ffmpeg;
 use omnilife_schemas::{
     records::{Probe, SphereTurn, SphericalMetadata},
@@ -15,6 +15,7 @@ use omnilife_schemas::{
 
 use super::{
     decode::VideoReader,
+    matrix::Matrix,
     raw_fields::{self, CodecId, SideData},
     spherical_boxes::{self, Extent, SphericalBoxes, Statement},
 };
@@ -82,6 +83,8 @@ pub fn describe(reader: &VideoReader) -> Result<Probe, VideoError> {
         pixel_aspect_ratio: pixel_aspect_ratio(decoder),
         transfer: raw_fields::transfer_name(decoder).to_owned(),
         primaries: raw_fields::primaries_name(decoder).to_owned(),
+        assumed_matrix: (format.has_matrix() && raw_fields::matrix(decoder) == Space::Unspecified)
+            .then(|| Matrix::assumed(width, height).name().to_owned()),
         spherical: spherical(path, reader.input().format().name(), &stream)?,
     })
 }

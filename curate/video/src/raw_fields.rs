@@ -164,6 +164,17 @@ pub(super) fn primaries_name(decoder: &ffmpeg::decoder::Video) -> &'static str {
     .unwrap_or(UNKNOWN)
 }
 
+/// Returns the matrix between RGB and YUV that a decoder states.
+pub(super) fn matrix(decoder: &ffmpeg::decoder::Video) -> color::Space {
+    // SAFETY: the decoder is live; the field is an integer of 32 bits and read as such.
+    let value = unsafe {
+        addr_of!((*decoder.as_ptr()).colorspace)
+            .cast::<c_uint>()
+            .read()
+    };
+    space_of(value)
+}
+
 /// Returns the format of the frames that a decoder expects to output.
 pub(super) fn pixel_format(decoder: &ffmpeg::decoder::Video) -> PixelFormat {
     // SAFETY: the decoder is live; the field is an integer of 32 bits and read as such.

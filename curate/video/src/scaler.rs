@@ -8,7 +8,7 @@ use std::{
 use ffmpeg::{ffi, frame::Video, software::scaling::Flags};
 use ffmpeg_next as ffmpeg;
 
-use super::{PixelFormat, planes};
+use super::{PixelFormat, matrix::Matrix, planes};
 
 // Declared again with integers in place of enums, as the C function takes.
 unsafe extern "C" {
@@ -50,14 +50,6 @@ pub(crate) struct Scaler {
     context: *mut ffi::SwsContext,
     source: FrameShape,
     target: FrameShape,
-}
-
-/// Matrices between RGB and YUV.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Matrix {
-    Bt601,
-    Bt709,
-    Bt2020,
 }
 
 impl Scaler {
@@ -104,17 +96,12 @@ impl Scaler {
         source_is_full: bool,
         target_is_full: bool,
     ) {
-        let matrix = match matrix {
-            Matrix::Bt601 => ffi::SWS_CS_ITU601,
-            Matrix::Bt709 => ffi::SWS_CS_ITU709,
-            Matrix::Bt2020 => ffi::SWS_CS_BT2020,
-        };
         // SAFETY: the context is live, and `sws_getCoefficients` returns a pointer to a static table
         // of four integers, which is what `sws_setColorspaceDetails` reads. The last three arguments
         // are the neutral brightness, contrast and saturation in 16.16 fixed point. The call fails
         // for formats without a matrix.
         unsafe {
-            let coefficients = ffi::sws_getCoefficients(matrix);
+            let coefficients = ffi::sws_getCoefficients(matrix.scaler_number());
             ffi::sws_setColorspaceDetails(
                 self.context,
                 coefficients,

@@ -260,7 +260,7 @@ fn plan_stage(
     scene: &Scene,
 ) -> Result<(StagePlan, BTreeMap<String, String>), ReconstructError> {
     let folder = request.scene.parent().unwrap_or(Path::new("."));
-    let mut stage = StagePlan::new(&request.out, "reconstruct")
+    let mut stage = StagePlan::new(&request.out, RunRecord::STAGE)
         .with_text("method", &request.method)
         .with_settings("settings", &request.settings)
         .with_settings("trace views", &request.trace_views)

@@ -104,6 +104,9 @@ const BYTES_PER_PIXEL: u64 = 5 * 4 + 3 * 4 + 3;
 /// Maximum side of images, pixels.
 const LARGEST_SIDE: u32 = 1 << 15;
 
+/// Difference of a pixel's sides that rounding of sizes makes.
+const SQUARE_PIXELS: f64 = 0.02;
+
 /// Returns the size at which the frames of a `poses.json` or `scene.json` are rendered by default, pixels.
 ///
 /// # Errors
@@ -132,6 +135,9 @@ pub fn render_poses(
         of_cameras.scale = 1.0;
     }
     let camera = camera(request, path.camera)?;
+    if let Some(note) = stretched(camera, path.camera) {
+        progress.note(&note);
+    }
     let mut opened = open(request, of_cameras, camera, progress)?;
     let (frames, cameras) = if request.cameras.are_of_poses() {
         let (places, count) = (&request.cameras.places, path.frames.len());
@@ -350,6 +356,26 @@ fn open(
     })
 }
 
+/// Returns a line on images whose pixels are not as wide as high.
+fn stretched(camera: Camera, of_poses: Option<Camera>) -> Option<String> {
+    let [width, height] = [camera.width(), camera.height()];
+    match (camera, of_poses) {
+        (Camera::Erp(_), _) if width != 2 * height => Some(format!(
+            "{width}x{height} is not the shape of a panorama: it is twice as wide as high, and images are stretched"
+        )),
+        (Camera::Pinhole(camera), Some(Camera::Pinhole(given))) => {
+            let ratio = camera.fx / camera.fy * given.fy / given.fx;
+            ((ratio - 1.0).abs() > SQUARE_PIXELS).then(|| {
+                format!(
+                    "{width}x{height} is not the shape of the scene's images: pixels are {ratio:.2} times as high as there, \
+                     and images are stretched"
+                )
+            })
+        }
+        _ => None,
+    }
+}
+
 fn camera(request: &RenderRequest, given: Option<Camera>) -> Result<Camera, ReconstructError> {
     let of_poses = given.map(|camera| [camera.width(), camera.height()]);
     let of_poses = of_poses.unwrap_or(DEFAULT_SIZE);
@@ -394,5 +420,42 @@ fn camera(request: &RenderRequest, given: Option<Camera>) -> Result<Camera, Reco
             reason: format!("cube faces must be 8 to {LARGEST_SIDE} pixels wide, got {side}"),
         }),
         _ => Ok(found),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_of_another_shape_are_told() {
+        let erp = |width, height| Camera::Erp(ErpCamera { width, height });
+        let pinhole = PinholeCamera::with_horizontal_field_of_view(640, 360, 1.0);
+        // Lenses of half the width, as anamorphic film has.
+        let anamorphic = PinholeCamera {
+            fx: 0.5 * pinhole.fx,
+            ..pinhole
+        };
+        for (camera, of_poses, is_told) in [
+            (erp(1024, 512), None, false),
+            (erp(800, 300), None, true),
+            (erp(800, 300), Some(erp(1024, 512)), true),
+            (pinhole.into(), Some(pinhole.into()), false),
+            (
+                Camera::from(pinhole).resized(321, 181),
+                Some(pinhole.into()),
+                false,
+            ),
+            (
+                Camera::from(pinhole).resized(640, 640),
+                Some(pinhole.into()),
+                true,
+            ),
+            (anamorphic.into(), Some(anamorphic.into()), false),
+            (pinhole.into(), Some(erp(1024, 512)), false),
+        ] {
+            let note = stretched(camera, of_poses);
+            assert_eq!(note.is_some(), is_told, "{camera:?}: {note:?}");
+        }
     }
 }

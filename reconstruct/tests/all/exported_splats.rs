@@ -286,3 +286,35 @@ fn odd_values_are_drawn_as_they_are_meant_and_so_is_what_is_exported() {
     let difference = mean_difference(&odd, &of_splats);
     assert!(difference < 1.0, "{difference}");
 }
+
+/// Sizes and colours outside of the bytes of SPZ, and a thin axis that stays below a pixel.
+#[test]
+fn clamped_values_are_counted_and_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let source = temp.path().join("a.ply");
+    let (mut large, mut small, mut bright, mut thin) = (SOUND, SOUND, SOUND, SOUND);
+    large[7] = 6.5;
+    small[7..10].fill(-11.0);
+    bright[3] = 4.0;
+    thin[9] = -14.0;
+    write_ply(&source, &[SOUND, large, small, bright, thin]);
+    for (format, expected) in [
+        ("spz", (2, 1)),
+        ("spz-3", (2, 1)),
+        ("compressed-ply", (0, 0)),
+    ]
+    .into_iter()
+    .chain(["ply", "sog", "glb"].map(|format| (format, (0, 0))))
+    {
+        let out = temp.path().join(format);
+        let mut request = request(&source, format, out);
+        request.levels.truncate(1);
+        let result = export(&request, &Silent).unwrap();
+        let changes = &result.asset.changes;
+        let clamped = (changes.clamped_sizes, changes.clamped_colours);
+        assert_eq!(clamped, expected, "{format}");
+        let told = result.notes.iter().filter(|note| note.contains("nearest"));
+        let kinds = u64::from(expected.0 > 0) + u64::from(expected.1 > 0);
+        assert_eq!(told.count() as u64, kinds, "{format}: {:?}", result.notes);
+    }
+}

@@ -138,6 +138,58 @@ pub struct AssetChanges {
     pub pulled_in: u64,
     /// Degree of the spherical harmonics that were left out; 0 where there were none.
     pub dropped_sh_degree: u32,
+    /// Largest size is not one that the format holds, and was brought to the nearest.
+    #[serde(default)]
+    pub clamped_sizes: u64,
+    /// Colour, or its change with direction, is not one that the format holds, and was brought to the nearest.
+    #[serde(default)]
+    pub clamped_colours: u64,
+}
+
+impl AssetChanges {
+    /// Takes the larger of each count: those of one Gaussian at several moments.
+    pub fn merge(&mut self, other: &Self) {
+        self.transparent = self.transparent.max(other.transparent);
+        self.thickened = self.thickened.max(other.thickened);
+        self.pulled_in = self.pulled_in.max(other.pulled_in);
+        self.dropped_sh_degree = self.dropped_sh_degree.max(other.dropped_sh_degree);
+        self.clamped_sizes = self.clamped_sizes.max(other.clamped_sizes);
+        self.clamped_colours = self.clamped_colours.max(other.clamped_colours);
+    }
+
+    /// Returns a line for every change that images may show.
+    pub fn notes(&self) -> Vec<String> {
+        let counted = [
+            (
+                self.thickened,
+                "are thickened to a tenth of their longest axis: viewers leave out thinner ones",
+            ),
+            (
+                self.pulled_in,
+                "are pulled in to three times the scene's radius: viewers sort by depth in 16 bits",
+            ),
+            (
+                self.clamped_sizes,
+                "are larger or smaller than the format holds, and get the nearest size: another format keeps them (ply)",
+            ),
+            (
+                self.clamped_colours,
+                "have colours that the format does not hold, and get the nearest: another format keeps them (ply)",
+            ),
+        ];
+        let mut lines: Vec<String> = (counted.iter())
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, change)| format!("{count} Gaussians {change}"))
+            .collect();
+        if self.dropped_sh_degree > 0 {
+            lines.push(format!(
+                "colours by direction (spherical harmonics of degree {}) are left out: .splat files have one colour per \
+                 Gaussian",
+                self.dropped_sh_degree
+            ));
+        }
+        lines
+    }
 }
 
 /// Gaussians of a source that are not valid, counted by what became of them, and statements of the source on all of

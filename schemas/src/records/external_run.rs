@@ -46,6 +46,11 @@ pub struct ExternalRun {
     pub warnings: Vec<String>,
 }
 
+impl ExternalRun {
+    /// Name of the stage that writes a run.
+    pub const STAGE: &'static str = "external";
+}
+
 impl Record for ExternalRun {
     const SCHEMA: &'static str = "omnilife/external-run/1";
 }

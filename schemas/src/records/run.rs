@@ -133,6 +133,9 @@ impl Edits {
 }
 
 impl RunRecord {
+    /// Name of the stage that writes a run.
+    pub const STAGE: &'static str = "reconstruct";
+
     /// Returns the record of this run's model after further changes. It names no predictions, trace or measured
     /// surfaces, because those are of the unchanged model. `novel_folder` is the folder into which views may be
     /// rendered.

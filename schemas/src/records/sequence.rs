@@ -191,6 +191,10 @@ pub struct Probe {
     /// Primaries of colours, FFmpeg's name: bt709, bt2020, smpte432 (Display P3), unknown ...; empty in older records.
     #[serde(default)]
     pub primaries: String,
+    /// Matrix between YUV and RGB that is taken because the file states none: BT.709 for images above 576 rows or 1,024
+    /// columns, else BT.601. `null` for one that states it, or has RGB; in older records.
+    #[serde(default)]
+    pub assumed_matrix: Option<String>,
     /// Spherical metadata, where there is any.
     pub spherical: Option<SphericalMetadata>,
 }
@@ -215,6 +219,7 @@ impl Probe {
             pixel_aspect_ratio: 1.0,
             transfer: "unknown".to_owned(),
             primaries: "unknown".to_owned(),
+            assumed_matrix: None,
             spherical: None,
         }
     }

@@ -11,10 +11,11 @@ use super::{
 };
 use crate::{
     error::VideoError,
+    matrix::Matrix,
     pixel_format::PixelFormat,
     planes::{allocated, rows_mut},
     raw_fields::Colour,
-    scaler::{FrameShape, Matrix, Scaler},
+    scaler::{FrameShape, Scaler},
 };
 
 /// Ticks per second of written videos, the usual clock of video.

@@ -164,6 +164,7 @@ pub(super) fn export(
                     &mut asset,
                     progress,
                 )?;
+                notes.extend(asset.changes.notes());
             }
         }
         asset.wall_seconds = begun.elapsed().wall_seconds;
@@ -294,13 +295,14 @@ fn write_sequence(
         // The others were counted when the source was read.
         let far = asset.invalid.out_of_reach.max(invalid.out_of_reach);
         asset.invalid.out_of_reach = far;
-        let transparent = drawable.changes.transparent;
-        asset.changes.transparent = asset.changes.transparent.max(transparent);
+        let mut changes = drawable.changes;
         let visible = drawable.whole.filter(|visible| !visible.is_empty());
         let Some(visible) = visible else {
             let reason = format!("has no Gaussian that a viewer could draw at {seconds} seconds");
             return Err(ReconstructError::scene(&request.gaussians, reason));
         };
+        format.ranges.count(&visible, &mut changes);
+        asset.changes.merge(&changes);
         let moving = write_whole(&request.out, sequence_file(number), format, &visible)?;
         asset.splats = asset.splats.max(moving.splats);
         asset.sequence.push(AssetMoment {

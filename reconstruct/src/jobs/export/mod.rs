@@ -113,13 +113,7 @@ pub fn export(
     } = levels_within(request, format, splats)?;
     left_out.extend(without_moments);
     let mut notes = left_out.clone();
-    let dropped = drawable.changes.dropped_sh_degree;
-    if dropped > 0 {
-        notes.push(format!(
-            "colours by direction (spherical harmonics of degree {dropped}) are left out: .splat files have one \
-             colour per Gaussian"
-        ));
-    }
+    notes.extend(drawable.changes.notes());
     let libraries = match request.with_page.then(page::libraries) {
         None => None,
         Some(Ok(libraries)) => Some(libraries),

@@ -65,11 +65,14 @@ impl ExportedScene {
         let at = Viewpoint::of_moment(seconds.unwrap_or(0.0));
         model.activate(&at, &TemporalFeatures::default(), &mut gaussians);
         drop(model);
-        let drawable = if format.is_for_old_viewers {
+        let mut drawable = if format.is_for_old_viewers {
             drawable(&gaussians, moments, &frame, &mut invalid)
         } else {
             whole(&gaussians, &frame, &mut invalid)
         };
+        if let Some(kept) = &drawable.whole {
+            format.ranges.count(kept, &mut drawable.changes);
+        }
         for note in validity::notes(&request.gaussians, &invalid) {
             progress.note(&note);
         }

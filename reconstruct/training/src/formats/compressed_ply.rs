@@ -22,7 +22,7 @@ use omnilife_engine::{
 };
 use omnilife_schemas::{records::InvalidGaussians, store::StoreError};
 
-use super::{exchange::FileRows, validity::FileGaussian};
+use super::{exchange::FileRows, ranges::ValueRanges, validity::FileGaussian};
 use crate::{error::ReconstructError, seeds::points::morton_code};
 
 /// Gaussians of a chunk.
@@ -56,6 +56,12 @@ const PACKED: [&str; 4] = [
 ];
 /// Maximum log size, as in other writers.
 const MOST_LOG_SIZE: f32 = 20.0;
+/// Values that it holds.
+pub(super) const RANGES: ValueRanges = ValueRanges {
+    log_sizes: -MOST_LOG_SIZE..=MOST_LOG_SIZE,
+    harmonics: -4.0..=4.0,
+    ..ValueRanges::ALL
+};
 
 /// Minimum and maximum values of three columns in a chunk.
 #[derive(Debug, Clone, Copy)]

@@ -22,7 +22,9 @@ use omnilife_schemas::{
 
 use super::{
     axes::HarmonicTurn,
-    compressed_ply, glb, ply, sog,
+    compressed_ply, glb, ply,
+    ranges::ValueRanges,
+    sog,
     splat::{self, Placement, SplatRow},
     spz,
     validity::{self, FileGaussian},
@@ -48,6 +50,8 @@ pub struct SplatFormat {
     pub rounded: &'static str,
     /// True for viewers with the limits of the first ones: of `.splat` alone.
     pub is_for_old_viewers: bool,
+    /// Values that its files hold.
+    pub ranges: ValueRanges,
     /// Writes Gaussians; an error gives the reason in one line if the format cannot hold them.
     pub write: fn(&ActivatedGaussians) -> Result<Vec<u8>, String>,
     read: fn(&FileToRead<'_>, &mut InvalidGaussians) -> Result<ParameterTable, ReconstructError>,
@@ -60,6 +64,7 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
         ending: ".splat",
         rounded: "colour, opacity and rotation to 8 bits a value; no harmonics",
         is_for_old_viewers: true,
+        ranges: ValueRanges::ALL,
         write: |gaussians| {
             let rows = (0..gaussians.len()).map(|index| SplatRow::of(gaussians, index));
             Ok(splat::ordered(&rows.collect::<Vec<_>>()).into_flattened())
@@ -80,6 +85,7 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
         ending: ".ply",
         rounded: "nothing",
         is_for_old_viewers: false,
+        ranges: ValueRanges::ALL,
         write: |gaussians| ply::to_bytes(&table(gaussians), &UNCHANGED),
         read: |file, invalid| {
             if *file.placement == Placement::WORLD {
@@ -95,6 +101,7 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
         rounded: "positions, log sizes and colours to 11, 10, 11 and 8 bits between the bounds of 256 Gaussians, rotations \
                   to 10 bits a value, opacity to 8 bits, harmonics to 1/32",
         is_for_old_viewers: false,
+        ranges: compressed_ply::RANGES,
         write: compressed_ply::write,
         read: |file, invalid| file.placed(compressed_ply::read(file.path, file.bytes, invalid)?),
     },
@@ -104,6 +111,7 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
         rounded: "positions to 24 bits, log sizes to 1/16, colour and opacity to 8 bits, rotations to 10 bits a value, \
                   harmonics to 5 and 4 bits",
         is_for_old_viewers: false,
+        ranges: spz::RANGES,
         write: spz::write,
         read: |file, invalid| file.placed(spz::read(file.path, file.bytes, invalid)?),
     },
@@ -113,6 +121,7 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
         ending: ".v3.spz",
         rounded: "as in `spz`",
         is_for_old_viewers: false,
+        ranges: spz::RANGES,
         write: spz::write_version_3,
         read: |file, invalid| file.placed(spz::read(file.path, file.bytes, invalid)?),
     },
@@ -122,6 +131,7 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
         rounded: "logarithms of positions to 16 bits, log sizes and colours to 256 values, opacity and rotations to 8 \
                   bits a value, harmonics to a palette of 1024 to 65,536 rows of 256 values",
         is_for_old_viewers: false,
+        ranges: ValueRanges::ALL,
         write: sog::write,
         read: |file, invalid| file.placed(sog::read(file.path, file.bytes, invalid)?),
     },
@@ -130,6 +140,7 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
         ending: ".glb",
         rounded: "nothing but to floats",
         is_for_old_viewers: false,
+        ranges: ValueRanges::ALL,
         write: glb::write,
         read: |file, invalid| file.placed(glb::read(file.path, file.bytes, invalid)?),
     },

@@ -13,6 +13,7 @@ pub mod in_time;
 pub mod moving_ply;
 pub mod objects;
 pub mod ply;
+pub mod ranges;
 mod refined_poses;
 mod sog;
 pub mod splat;

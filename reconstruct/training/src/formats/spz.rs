@@ -32,6 +32,7 @@ use omnilife_schemas::{records::InvalidGaussians, store::StoreError};
 use super::{
     axes::HalfTurn,
     exchange::{self, FileRows},
+    ranges::ValueRanges,
     validity::FileGaussian,
 };
 use crate::error::ReconstructError;
@@ -51,6 +52,12 @@ const HAS_EXTENSIONS: u8 = 2;
 /// The extension of Adobe that bounds the orbit of a camera; it does not affect Gaussians.
 const SAFE_ORBIT: u32 = 0xADBE_0002;
 const COLOUR_SCALE: f32 = 0.15;
+/// Values that bytes hold.
+pub(super) const RANGES: ValueRanges = ValueRanges {
+    log_sizes: -10.0..=255.0 / 16.0 - 10.0,
+    constants: -0.5 / COLOUR_SCALE..=0.5 / COLOUR_SCALE,
+    harmonics: -1.0..=1.0,
+};
 /// Largest coordinate in steps.
 const MOST_STEPS: f64 = 8_388_607.0;
 /// Maximum number of fractional bits: programs shift 32-bit integers by them.
