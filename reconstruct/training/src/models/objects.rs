@@ -17,7 +17,8 @@ use super::{
 use crate::{
     error::ReconstructError,
     formats::{
-        GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE, OBJECTS_FILE, REFINED_POSES_FILE, objects, validity,
+        GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE, OBJECTS_FILE,
+        REFINED_POSES_FILE, objects, validity,
     },
 };
 
@@ -25,6 +26,7 @@ use crate::{
 pub const OBJECT_GRAPH: ModelFormat = ModelFormat {
     files: &[
         GAUSSIANS_FILE,
+        MOVING_GAUSSIANS_FILE,
         OBJECTS_FILE,
         OBJECT_GAUSSIANS_FILE,
         REFINED_POSES_FILE,
