@@ -48,6 +48,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         rendering_cpu_seconds: None,
         seconds_per_group: None,
         peak_memory_bytes: None,
+        camera: None,
         up: None,
         clip_seconds: None,
         stages: Vec::new(),

@@ -14,7 +14,6 @@ use crate::{
         self, DYNAMIC_MASK, MOTION_REGULARIZATION, VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION,
         constants,
     },
-    tracked_objects,
 };
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
@@ -73,7 +72,6 @@ pub const METHOD: Method = Method {
         VELOCITY_DECOMPOSITION,
         MOTION_REGULARIZATION,
         camera_response::ID,
-        tracked_objects::ID,
     ],
     ablation: &[],
     default_plan: DefaultPlan::Auto,
@@ -95,7 +93,7 @@ pub const METHOD: Method = Method {
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
         motion: MotionEvidenceUse::Decides,
-        model: &models::objects::OBJECT_GRAPH,
+        model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };
@@ -158,7 +156,7 @@ impl GapSettings {
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
-    backend: BackendChoice,
+    _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
     let clock = scene.clock()?;
     let gap = GapSettings::across(scene.input_gap_frames(&clock), clock.frame_seconds);
@@ -174,7 +172,6 @@ fn prepare(
         lifespan_frames: gap.seed_frames,
     };
     dynamic::allow_seeds(&mut draft, seeding);
-    let objects = tracked_objects::drafted(&mut draft, scene, backend);
     draft.add_components();
     let mut dynamics = omni4dgs::dynamics(&draft, clock);
     if let Some(lifespans) = &mut dynamics.time.lifespans {
@@ -193,9 +190,7 @@ fn prepare(
     let lifespan = omni4dgs::first_lifespan(&clock, &dynamics);
     draft.settings.dynamics = Some(dynamics);
     let beginning = FirstGaussians::of(&mut draft, &clock, lifespan);
-    let mut prepared = dynamic::prepared(draft, &beginning)?;
-    tracked_objects::add(&mut prepared, objects, scene);
-    Ok(prepared)
+    dynamic::prepared(draft, &beginning)
 }
 
 #[cfg(test)]

@@ -197,6 +197,7 @@ fn begun_record(
         seconds_per_group: None,
         peak_memory_bytes: None,
         normalization: Similarity::new([0.0; 3], 1.0),
+        camera: Some(scene.camera),
         up: run_views::up(scene, split),
         clip_seconds: run_views::clip_seconds(scene, split),
         views: can_be_edited.then(|| run_views::poses(scene, split)),

@@ -21,7 +21,10 @@ use omnilife_schemas::{
     store,
 };
 
-use omnilife_engine::camera::{Camera, View};
+use omnilife_engine::{
+    camera::{Camera, View},
+    clock::TimeSpan,
+};
 
 use super::{
     camera_path::{CameraPath, PlacedFrame},
@@ -30,7 +33,7 @@ use super::{
     layer_image::{self, LayerImage},
     unseen::{self, InputViews},
 };
-use crate::registry;
+use crate::registry::{self, OpenedRun};
 use omnilife_training::{
     error::ReconstructError,
     formats::axes::FileAxes,
@@ -134,11 +137,13 @@ pub fn render_poses(
         // Cameras in one place do not determine the size of the scene: its own unit is as good as any.
         of_cameras.scale = 1.0;
     }
-    let camera = camera(request, path.camera)?;
+    let run = run_of(request)?;
+    let trained = run.as_ref().and_then(|run| run.record.camera);
+    let camera = camera(request, path.camera, trained)?;
     if let Some(note) = stretched(camera, path.camera) {
         progress.note(&note);
     }
-    let mut opened = open(request, of_cameras, camera, progress)?;
+    let mut opened = open(request, run.as_ref(), of_cameras, camera, progress)?;
     let (frames, cameras) = if request.cameras.are_of_poses() {
         let (places, count) = (&request.cameras.places, path.frames.len());
         (of_poses(places, &request.poses, count, &posed)?, None)
@@ -146,6 +151,9 @@ pub fn render_poses(
         let (frames, record) = worded(request, &path, &posed, camera, &*opened)?;
         (frames, Some(record))
     };
+    if let Some(note) = outside_of_clip(opened.clip(), &frames) {
+        progress.note(&format!("{}: {note}", request.poses.display()));
+    }
     let unposed = match request.cameras.places {
         CameraPlaces::OfPoses => path.frames.len() - posed.len(),
         // Their cameras are at all times.
@@ -323,13 +331,8 @@ fn colours_at(
     }
 }
 
-/// Opens a model: a run of any kind, or a file of Gaussians.
-fn open(
-    request: &RenderRequest,
-    of_cameras: Similarity,
-    camera: Camera,
-    progress: &dyn Progress,
-) -> Result<Box<dyn OpenedModel>, ReconstructError> {
+/// Reads the run to render; `None` for a file of Gaussians.
+fn run_of(request: &RenderRequest) -> Result<Option<OpenedRun>, ReconstructError> {
     let is_run = request.model.is_dir();
     if is_run && request.axes.is_some() {
         return Err(ReconstructError::Request {
@@ -339,20 +342,46 @@ fn open(
             ),
         });
     }
-    let run = is_run
+    is_run
         .then(|| registry::open_run(&request.model))
-        .transpose()?;
-    let open = run
-        .as_ref()
-        .map_or(gaussians::open as OpenModel, |run| run.model.open);
+        .transpose()
+}
+
+/// Opens a model: a run of any kind, or a file of Gaussians.
+fn open(
+    request: &RenderRequest,
+    run: Option<&OpenedRun>,
+    of_cameras: Similarity,
+    camera: Camera,
+    progress: &dyn Progress,
+) -> Result<Box<dyn OpenedModel>, ReconstructError> {
+    let open = run.map_or(gaussians::open as OpenModel, |run| run.model.open);
     open(&OpenRequest {
         path: &request.model,
-        run: run.as_ref().map(|run| &run.record),
+        run: run.map(|run| &run.record),
         layer: &request.layer,
         axes: request.axes,
         of_cameras,
         camera,
         progress,
+    })
+}
+
+/// Returns a line on frames at times outside of the model's clip by more than half of a frame.
+fn outside_of_clip(clip: Option<TimeSpan>, frames: &[PlacedFrame]) -> Option<String> {
+    let clip = clip?;
+    let (begin, end) = (clip.begin_seconds, clip.end_seconds);
+    let steps = clip.frames.map_or(1, |frames| frames.max(2) - 1);
+    let margin = 0.5 * (end - begin) / steps as f64;
+    let is_outside =
+        |frame: &&PlacedFrame| !(begin - margin..=end + margin).contains(&frame.seconds);
+    let outside = frames.iter().filter(is_outside).count();
+    (outside > 0).then(|| {
+        format!(
+            "{outside} of {} frames are at times outside of the model's, {begin:.3} to {end:.3} s: what moves is missing \
+             or out of place in them",
+            frames.len()
+        )
     })
 }
 
@@ -376,9 +405,16 @@ fn stretched(camera: Camera, of_poses: Option<Camera>) -> Option<String> {
     }
 }
 
-fn camera(request: &RenderRequest, given: Option<Camera>) -> Result<Camera, ReconstructError> {
-    let of_poses = given.map(|camera| [camera.width(), camera.height()]);
-    let of_poses = of_poses.unwrap_or(DEFAULT_SIZE);
+/// Returns the camera of the images: of the size of the poses' frames, or else of the panoramas that a run was trained
+/// with.
+fn camera(
+    request: &RenderRequest,
+    given: Option<Camera>,
+    trained: Option<Camera>,
+) -> Result<Camera, ReconstructError> {
+    let trained = trained.filter(|camera| matches!(camera, Camera::Erp(_)));
+    let of_poses = given.or(trained);
+    let of_poses = of_poses.map_or(DEFAULT_SIZE, |camera| [camera.width(), camera.height()]);
     let by_default = match (request.camera, given) {
         (RenderCamera::Cube, Some(Camera::Pinhole(_))) => [of_poses[0]; 2],
         (RenderCamera::Cube, _) => [side_of_equal_resolution(of_poses[0]); 2],

@@ -6,7 +6,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::poses::Poses;
-use crate::{elapsed::Elapsed, pose::Similarity, provenance::Hardware, store::Record};
+use crate::{
+    camera::Camera, elapsed::Elapsed, pose::Similarity, provenance::Hardware, store::Record,
+};
 
 /// `run.json`. Files are relative to its folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -79,6 +81,9 @@ pub struct RunRecord {
     /// Highest resident memory of the process since it began, bytes, where the system tells. In a
     /// process that did more than this run, that of all its work.
     pub peak_memory_bytes: Option<u64>,
+    /// The camera of the trained views; records of older versions have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<Camera>,
     /// Mean direction up of the input views' cameras, in the world.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub up: Option<[f64; 3]>,

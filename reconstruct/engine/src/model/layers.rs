@@ -2,9 +2,10 @@
 
 use glam::Vec3;
 use omnilife_schemas::{RgbImage, statistics};
+use rayon::prelude::*;
 
 use crate::{
-    camera::View,
+    camera::{Camera, CameraKernels, LOW_PASS, View},
     gaussians::{
         ActivatedGaussians, parameterization::Viewpoint, static_gaussians, subset,
         temporal::TemporalFeatures,
@@ -61,6 +62,8 @@ pub struct LayerRenderer {
     part: ActivatedGaussians,
     median_distance: f32,
     largest_speed: f32,
+    /// Angle of a pixel of the trained views, radians, if it is known.
+    trained_radians: Option<f32>,
 }
 
 impl LayerRenderer {
@@ -81,8 +84,16 @@ impl LayerRenderer {
             part: ActivatedGaussians::default(),
             median_distance: median.unwrap_or(1.0).max(f32::MIN_POSITIVE),
             largest_speed: largest_speed(&model),
+            trained_radians: None,
             model,
         }
+    }
+
+    /// Draws views of finer pixels than the trained ones with the low-pass filter of those. Gaussians below a trained
+    /// pixel were only ever seen through it: a finer one shows needles, and gaps between them.
+    pub fn trained_with(mut self, camera: &Camera) -> Self {
+        self.trained_radians = Some(camera.pixel_radians());
+        self
     }
 
     /// Returns the model.
@@ -191,6 +202,14 @@ impl LayerRenderer {
     fn activate(&mut self, view: &View, features: &TemporalFeatures) {
         let at = Viewpoint::of_image(view);
         self.model.activate(&at, features, &mut self.all);
+        let shown = view.camera.pixel_radians();
+        if let Some(trained) = self.trained_radians.filter(|&trained| trained > shown) {
+            widen(
+                &mut self.all,
+                view.centre,
+                LOW_PASS * (trained * trained - shown * shown),
+            );
+        }
     }
 
     /// Returns the indices of the dynamic or of the static Gaussians.
@@ -254,6 +273,17 @@ impl LayerRenderer {
                 .collect(),
         }
     }
+}
+
+/// Adds a variance, squared radians as seen from a place, to Gaussians: in all directions, so that rotations stay.
+fn widen(gaussians: &mut ActivatedGaussians, from: Vec3, squared_radians: f32) {
+    let places = gaussians.positions.par_iter();
+    places
+        .zip(&mut gaussians.scales)
+        .for_each(|(place, scale)| {
+            let variance = squared_radians * Vec3::from_array(*place).distance_squared(from);
+            *scale = scale.map(|side| side.mul_add(side, variance).sqrt());
+        });
 }
 
 /// Returns the speed below which [`SLOWER_SHARE`] of the Gaussians with their own times are; 1 without any.

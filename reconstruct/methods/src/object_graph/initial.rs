@@ -31,17 +31,17 @@ const KNOT_SECONDS: f64 = 2.0;
 
 /// Objects with their first Gaussians.
 #[derive(Debug, Default)]
-pub(crate) struct FirstObjects {
-    pub(crate) objects: Vec<TrackedObject>,
-    pub(crate) gaussians: InitialGaussians,
+pub(super) struct FirstObjects {
+    pub(super) objects: Vec<TrackedObject>,
+    pub(super) gaussians: InitialGaussians,
     /// The object of each Gaussian.
-    pub(crate) numbers: Vec<usize>,
-    pub(crate) warnings: Vec<String>,
+    pub(super) numbers: Vec<usize>,
+    pub(super) warnings: Vec<String>,
 }
 
 /// Returns the objects of a scene's tracks. Where their Gaussians would be more than half of the limit on all, each
 /// object gets fewer and larger ones, for about that half together, with a warning.
-pub(crate) fn objects(scene: &TrainingScene, tracks: &Tracks, limit: u64) -> FirstObjects {
+pub(super) fn objects(scene: &TrainingScene, tracks: &Tracks, limit: u64) -> FirstObjects {
     let first = bounded(scene, tracks, MOST);
     let (wanted, most) = (first.gaussians.len(), (limit / PART_OF_LIMIT) as usize);
     if wanted <= most {

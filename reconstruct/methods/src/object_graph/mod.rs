@@ -4,7 +4,7 @@
 //! trains 4DGF (Fischer et al., "Dynamic 3D Gaussian
 //! Fields for Urban Areas", `NeurIPS` 2024) on tracks that it finds itself.
 
-pub(crate) mod initial;
+mod initial;
 mod patches;
 mod path_alignment;
 mod refit;
@@ -115,7 +115,7 @@ const OBJECT_GRAPH: &str = "object-graph";
 const OBJECT_POSES_COMPONENT: &str = "object-poses";
 
 /// Step sizes of centres in the objects' coordinates (4DGF, that of 3DGS).
-pub(crate) const POSITION_RATE: Decay = Decay {
+const POSITION_RATE: Decay = Decay {
     begin: 1.6e-4,
     end: 1.6e-6,
 };
@@ -144,7 +144,7 @@ const UNMEASURED_ERROR: f64 = 0.1;
 /// Share of the first step size at the end (4DGF).
 const POSE_END_SHARE: f32 = 0.1;
 /// Least step size: a rate of 0 has no logarithm.
-pub(crate) const LEAST_POSE_RATE: f32 = 1e-12;
+const LEAST_POSE_RATE: f32 = 1e-12;
 /// Minimum number of detections of a path with more than one correction. The mean of all corrections is 0, so that
 /// a single one stays 0.
 const LEAST_DETECTIONS: u32 = 4;

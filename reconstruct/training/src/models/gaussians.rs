@@ -94,6 +94,11 @@ impl OpenedGaussians {
             request.progress.note(&note);
         }
         let layers = LayerRenderer::new(model, source.settings);
+        let trained = request.run.and_then(|run| run.camera);
+        let layers = match trained {
+            Some(camera) => layers.trained_with(&camera),
+            None => layers,
+        };
         if let Some(reason) = layers.refusal(layer) {
             return refuse(reason.to_owned());
         }
@@ -138,6 +143,10 @@ impl OpenedModel for OpenedGaussians {
 
     fn opacity(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
         Ok(self.layers.opacity(view, self.layer))
+    }
+
+    fn clip(&self) -> Option<TimeSpan> {
+        self.layers.model().time_span()
     }
 
     fn map_scale(&self) -> Option<MapScale> {

@@ -11,7 +11,10 @@ pub mod script;
 use std::{fmt, path::Path};
 
 use glam::DVec3;
-use omnilife_engine::camera::{Camera, View};
+use omnilife_engine::{
+    camera::{Camera, View},
+    clock::TimeSpan,
+};
 use omnilife_schemas::{RgbImage, Similarity, progress::Progress, records::RunRecord};
 
 use crate::{error::ReconstructError, formats::axes::FileAxes, models::script::Script};
@@ -141,6 +144,12 @@ pub trait OpenedModel {
     fn opacity(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
         Ok(RgbImage::new(width, height, vec![1.0; 3 * width * height]))
+    }
+
+    /// Returns the time in which it changes, with its clip; `None` for models that do not change, or show nothing of
+    /// other times.
+    fn clip(&self) -> Option<TimeSpan> {
+        None
     }
 
     /// Returns the meaning of the values of a map; `None` for layers that are images.

@@ -17,8 +17,7 @@ use super::{
 use crate::{
     error::ReconstructError,
     formats::{
-        GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE, OBJECTS_FILE,
-        REFINED_POSES_FILE, objects, validity,
+        GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE, OBJECTS_FILE, REFINED_POSES_FILE, objects, validity,
     },
 };
 
@@ -26,7 +25,6 @@ use crate::{
 pub const OBJECT_GRAPH: ModelFormat = ModelFormat {
     files: &[
         GAUSSIANS_FILE,
-        MOVING_GAUSSIANS_FILE,
         OBJECTS_FILE,
         OBJECT_GAUSSIANS_FILE,
         REFINED_POSES_FILE,
