@@ -186,7 +186,9 @@ pub(crate) struct RenderArguments {
     /// down in a world with z up they are x,-z,y. SPZ and glTF are turned to y down before.
     #[arg(long, value_name = "X,Y,Z", value_parser = FileAxes::parse, allow_hyphen_values = true)]
     pub(crate) axes: Option<FileAxes>,
-    /// Size of the images in pixels [default: the scene's, or 1024x512; of faces, as sharp].
+    /// Size of the images in pixels. Views with finer pixels than those that a run was trained with are drawn as smooth
+    /// as these [default: the size of the poses' frames, else that of the run's panoramas, else 1024x512; of faces, as
+    /// sharp].
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
     /// Projection of the images: the whole sphere, a perspective, or the six faces of a cube, named by

@@ -6,8 +6,8 @@
 
 use std::{
     fs,
+    os::unix::fs::MetadataExt,
     path::{Path, PathBuf},
-    time::UNIX_EPOCH,
 };
 
 use omnilife_schemas::{
@@ -25,6 +25,10 @@ use crate::{
 };
 
 const UNITS_FOLDER: &str = "units";
+const NANOSECONDS: u64 = 1_000_000_000;
+/// Odd factor and rotation that mix numbers in their order (those of FNV-1a, and half a word).
+const MIXING_FACTOR: u64 = 0x0100_0000_01b3;
+const MIXING_BITS: u32 = 32;
 /// Outcome of a unit that is done.
 const DONE_FILE: &str = "done.json";
 /// Outcome of a unit whose last attempt failed.
@@ -315,15 +319,20 @@ impl InputFiles {
         }
     }
 
-    /// Returns the size of all, and the sum of their times, which changes with any of them; nanoseconds since 1970.
+    /// Returns the size of all, and a number of their sizes and times in their order: two files that change names change
+    /// it as well. That of a single file is its time, nanoseconds since 1970.
     fn size_and_time(&self) -> Result<(u64, u64), StoreError> {
         let own = size_and_time(&self.own).map_err(|source| StoreError::read(&self.own, source))?;
-        let named = self
-            .named
-            .iter()
-            .filter_map(|file| size_and_time(file).ok());
-        Ok(named.fold(own, |(bytes, time), (more, later)| {
-            (bytes.wrapping_add(more), time.wrapping_add(later))
+        let named = self.named.iter();
+        // A file that is not there has a place in the order too.
+        let named = named.map(|file| size_and_time(file).unwrap_or_default());
+        Ok(named.fold(own, |(all, time), (bytes, later)| {
+            let mixed = [bytes, later].iter().fold(time, |mixed, &value| {
+                (mixed ^ value)
+                    .wrapping_mul(MIXING_FACTOR)
+                    .rotate_left(MIXING_BITS)
+            });
+            (all.wrapping_add(bytes), mixed)
         }))
     }
 
@@ -344,10 +353,13 @@ impl InputFiles {
     }
 }
 
+/// Returns the size of a file, and the time of its last change in nanoseconds since 1970: that of its entry, which
+/// programs cannot set back as they can that of its bytes.
 fn size_and_time(path: &Path) -> std::io::Result<(u64, u64)> {
     let metadata = fs::metadata(path)?;
-    let since = metadata.modified()?.duration_since(UNIX_EPOCH);
-    let nanoseconds = since.map_or(0, |time| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
+    let seconds = u64::try_from(metadata.ctime()).unwrap_or(0);
+    let rest = u64::try_from(metadata.ctime_nsec()).unwrap_or(0);
+    let nanoseconds = seconds.saturating_mul(NANOSECONDS).saturating_add(rest);
     Ok((metadata.len(), nanoseconds))
 }
 
@@ -379,9 +391,41 @@ mod tests {
         assert_ne!(first.0.1, second.0.1);
         assert_ne!(first.1, second.1);
         assert_eq!(second, read()?);
+        // Bytes of the same length, with the time of the earlier ones.
+        let time = fs::metadata(&image)?.modified()?;
+        store::write_bytes(&image, b"six")?;
+        fs::File::options()
+            .write(true)
+            .open(&image)?
+            .set_modified(time)?;
+        assert_ne!(second.0.1, read()?.0.1);
         // Other files stand for themselves, also those that are no scene.
         store::write_bytes(&scene_file, b"{}")?;
         assert_eq!(read()?.1, store::sha256_bytes(b"{}"));
+        Ok(())
+    }
+
+    /// Names of frames that are moved by one, which keeps all sizes and times.
+    #[test]
+    fn files_that_change_names_change_a_scene() -> Result<(), Box<dyn std::error::Error>> {
+        let temp = tempfile::tempdir()?;
+        let scene_file = temp.path().join(SCENE_FILE);
+        let names = ["a.png", "b.png"];
+        let frames = names.map(|name| SceneFrame::new(name.to_owned(), 0.0, None));
+        let scene = Scene::given("walk", ErpCamera::new(64, 32), frames.to_vec());
+        store::write_record(&scene_file, &scene)?;
+        let [first, second] = names.map(|name| temp.path().join(name));
+        store::write_bytes(&first, b"one")?;
+        store::write_bytes(&second, b"two")?;
+        let read = || InputFiles::of(&scene_file).size_and_time();
+        let before = read()?;
+        let aside = temp.path().join("aside");
+        fs::rename(&first, &aside)?;
+        fs::rename(&second, &first)?;
+        fs::rename(&aside, &second)?;
+        let after = read()?;
+        assert_eq!(before.0, after.0);
+        assert_ne!(before.1, after.1);
         Ok(())
     }
 }

@@ -494,4 +494,30 @@ mod tests {
             assert_eq!(note.is_some(), is_told, "{camera:?}: {note:?}");
         }
     }
+
+    #[test]
+    fn times_outside_of_the_clip_are_told() {
+        let clip = TimeSpan {
+            begin_seconds: 1.0,
+            end_seconds: 3.0,
+            frames: Some(21),
+        };
+        let told = |clip: Option<TimeSpan>, times: &[f64]| {
+            let frame = |&seconds: &f64| PlacedFrame {
+                number: 0,
+                seconds,
+                pose: Pose::new(glam::DQuat::IDENTITY, DVec3::ZERO),
+            };
+            let frames: Vec<PlacedFrame> = times.iter().map(frame).collect();
+            outside_of_clip(clip, &frames)
+        };
+        // Half a frame of 0.1 s is rounding; a still model has no times.
+        assert_eq!(told(Some(clip), &[0.96, 1.0, 2.0, 3.04]), None);
+        assert_eq!(told(None, &[101.0]), None);
+        let line = told(Some(clip), &[0.9, 2.0, 103.0]);
+        assert!(
+            line.as_ref().is_some_and(|line| line.starts_with("2 of 3")),
+            "{line:?}"
+        );
+    }
 }

@@ -107,8 +107,8 @@ pub struct UnitInput {
     pub file: String,
     /// Size in bytes, of all of a scene.
     pub bytes: u64,
-    /// When it was changed last, nanoseconds since 1970 by its file system; the sum over the files of a scene. While
-    /// this and the size stay, it is not hashed again.
+    /// Time of the last change of its entry in the file system, nanoseconds since 1970; for a scene a number of the sizes
+    /// and times of all of its files in their order. While this and the size stay, it is not hashed again.
     pub modified_nanoseconds: u64,
     /// SHA-256 of its content; of a scene that of the hashes of its files.
     pub sha256: String,

@@ -305,3 +305,46 @@ fn largest_speed(model: &Model) -> f32 {
     let fast = speeds.get((SLOWER_SHARE * speeds.len() as f32) as usize);
     fast.copied().filter(|&speed| speed > 0.0).unwrap_or(1.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DQuat, DVec3};
+    use omnilife_schemas::{Pose, Similarity, camera::ErpCamera};
+
+    use super::*;
+    use crate::gaussians::static_gaussians::{InitialGaussians, table};
+
+    /// Returns the mean opacity of an image of `height` rows that shows a Gaussian far below a pixel, learnt with 32.
+    fn mean_opacity(height: u32, is_trained: bool) -> f32 {
+        let mut initial = InitialGaussians::default();
+        initial.push_isotropic([0.0, 0.0, 2.0], 1e-4, [1.0; 3], 0.9);
+        let model = Model::of_static(table(&initial, 0));
+        let camera = |height: u32| Camera::Erp(ErpCamera::new(2 * height, height));
+        let pose = Pose::new(DQuat::IDENTITY, DVec3::ZERO);
+        let identity = Similarity::new([0.0; 3], 1.0);
+        let Some(view) = View::new(camera(height), &pose, &identity, 0.0) else {
+            panic!("a pose")
+        };
+        let layers = LayerRenderer::new(model, RenderSettings::new(1e-3));
+        let mut layers = if is_trained {
+            layers.trained_with(&camera(32))
+        } else {
+            layers
+        };
+        let image = layers.opacity(&view, Layer::All);
+        image.data.iter().sum::<f32>() / image.data.len() as f32
+    }
+
+    #[test]
+    fn finer_images_show_gaussians_as_large_as_trained_ones() {
+        let trained = mean_opacity(32, true);
+        assert_eq!(trained, mean_opacity(32, false));
+        for height in [64, 128] {
+            let ratio = mean_opacity(height, true) / trained;
+            assert!((0.8..1.25).contains(&ratio), "{height}: {ratio}");
+            assert!(mean_opacity(height, false) / trained < 0.4, "{height}");
+        }
+        // Coarser images have the filter of their own pixels.
+        assert_eq!(mean_opacity(16, true), mean_opacity(16, false));
+    }
+}
