@@ -391,7 +391,8 @@ mod tests {
         assert_ne!(first.0.1, second.0.1);
         assert_ne!(first.1, second.1);
         assert_eq!(second, read()?);
-        // Bytes of the same length, with the time of the earlier ones.
+        // Bytes of the same length, with the time of the earlier ones; clocks of file systems have ticks.
+        std::thread::sleep(std::time::Duration::from_millis(50));
         let time = fs::metadata(&image)?.modified()?;
         store::write_bytes(&image, b"six")?;
         fs::File::options()
