@@ -386,13 +386,16 @@ mod tests {
         store::write_bytes(&image, b"one")?;
         let first = read()?;
         assert_ne!(without, first);
+        // Clocks of file systems have ticks of some milliseconds.
+        let wait = || std::thread::sleep(std::time::Duration::from_millis(50));
+        wait();
         store::write_bytes(&image, b"two")?;
         let second = read()?;
         assert_ne!(first.0.1, second.0.1);
         assert_ne!(first.1, second.1);
         assert_eq!(second, read()?);
-        // Bytes of the same length, with the time of the earlier ones; clocks of file systems have ticks.
-        std::thread::sleep(std::time::Duration::from_millis(50));
+        // Bytes of the same length, with the time of the earlier ones.
+        wait();
         let time = fs::metadata(&image)?.modified()?;
         store::write_bytes(&image, b"six")?;
         fs::File::options()
@@ -417,6 +420,7 @@ mod tests {
         store::write_record(&scene_file, &scene)?;
         let [first, second] = names.map(|name| temp.path().join(name));
         store::write_bytes(&first, b"one")?;
+        std::thread::sleep(std::time::Duration::from_millis(50));
         store::write_bytes(&second, b"two")?;
         let read = || InputFiles::of(&scene_file).size_and_time();
         let before = read()?;
