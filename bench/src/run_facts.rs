@@ -141,13 +141,11 @@ impl RunFacts {
                 changed.push(file);
             }
         }
-        if !changed.is_empty() {
-            self.warnings.push(format!(
-                "views changed after the run wrote them: {} ({}); scores are of the changed ones",
-                changed.len(),
-                plain_text::first_of(&changed)
-            ));
-        }
+        self.warn_of(
+            &changed,
+            "views changed after the run wrote them",
+            "scores are of the changed ones",
+        );
         Ok(())
     }
 
@@ -166,14 +164,23 @@ impl RunFacts {
                 others.push(name.clone());
             }
         }
-        if !others.is_empty() {
+        self.warn_of(
+            &others,
+            "files of the scene changed after the training",
+            "the run did not see what it is scored against",
+        );
+        Ok(())
+    }
+
+    /// Adds a warning with the number and the first names of files, if there are any.
+    fn warn_of(&mut self, files: &[String], change: &str, consequence: &str) {
+        if !files.is_empty() {
             self.warnings.push(format!(
-                "files of the scene changed after the training: {} ({}); the run did not see what it is scored against",
-                others.len(),
-                plain_text::first_of(&others)
+                "{change}: {} ({}); {consequence}",
+                files.len(),
+                plain_text::first_of(files)
             ));
         }
-        Ok(())
     }
 
     fn of_ours(file: &Path, run: RunRecord, trace: Option<Trace>) -> Self {

@@ -233,9 +233,12 @@ pub(super) fn film(rendered: &RenderedViews, file: &Path) -> anyhow::Result<Stri
     let sides = [rendered.camera.width(), rendered.camera.height()];
     if sides.iter().any(|side| side % 2 == 1) {
         let [width, height] = sides.map(|side| side.next_multiple_of(2));
+        let sphere = match projection {
+            Projection::Equirectangular => ", and the sphere in them is narrower by as much",
+            _ => "",
+        };
         text += &format!(
-            "video has even sides: its images are widened to {width}x{height} by repeating their last pixels, and the \
-             sphere in them is narrower by as much\n"
+            "video has even sides: its images are widened to {width}x{height} by repeating their last pixels{sphere}\n"
         );
     }
     Ok(text)

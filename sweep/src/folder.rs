@@ -6,6 +6,8 @@
 
 use std::{
     fs,
+    hash::{DefaultHasher, Hash, Hasher},
+    iter,
     os::unix::fs::MetadataExt,
     path::{Path, PathBuf},
 };
@@ -26,9 +28,6 @@ use crate::{
 
 const UNITS_FOLDER: &str = "units";
 const NANOSECONDS: u64 = 1_000_000_000;
-/// Odd factor and rotation that mix numbers in their order (those of FNV-1a, and half a word).
-const MIXING_FACTOR: u64 = 0x0100_0000_01b3;
-const MIXING_BITS: u32 = 32;
 /// Outcome of a unit that is done.
 const DONE_FILE: &str = "done.json";
 /// Outcome of a unit whose last attempt failed.
@@ -323,17 +322,18 @@ impl InputFiles {
     /// it as well. That of a single file is its time, nanoseconds since 1970.
     fn size_and_time(&self) -> Result<(u64, u64), StoreError> {
         let own = size_and_time(&self.own).map_err(|source| StoreError::read(&self.own, source))?;
-        let named = self.named.iter();
+        if self.named.is_empty() {
+            return Ok(own);
+        }
         // A file that is not there has a place in the order too.
+        let named = self.named.iter();
         let named = named.map(|file| size_and_time(file).unwrap_or_default());
-        Ok(named.fold(own, |(all, time), (bytes, later)| {
-            let mixed = [bytes, later].iter().fold(time, |mixed, &value| {
-                (mixed ^ value)
-                    .wrapping_mul(MIXING_FACTOR)
-                    .rotate_left(MIXING_BITS)
-            });
-            (all.wrapping_add(bytes), mixed)
-        }))
+        let files: Vec<(u64, u64)> = iter::once(own).chain(named).collect();
+        let bytes = files.iter().map(|(bytes, _)| bytes).sum();
+        // Another number in another version costs one comparison of content.
+        let mut hasher = DefaultHasher::new();
+        files.hash(&mut hasher);
+        Ok((bytes, hasher.finish()))
     }
 
     /// Returns the hash of the file, or that of the hashes of all.

@@ -11,6 +11,7 @@ mod layer_image;
 pub mod plan_cost;
 pub mod reconstruct;
 pub mod render;
+mod render_notes;
 mod stage_times;
 mod trace_folder;
 mod training;

@@ -24,8 +24,8 @@ impl ValueRanges {
         harmonics: f32::MIN..=f32::MAX,
     };
 
-    /// Counts Gaussians whose largest size, or whose colour, a writer clamps. A thinner second or third axis is not
-    /// counted: it is below a pixel before and after.
+    /// Counts Gaussians whose largest size, or whose colour, a writer clamps. Second and third axes are not
+    /// counted: beside the largest, one that is as thin as the format allows is thin still.
     pub fn count(&self, gaussians: &ActivatedGaussians, changes: &mut AssetChanges) {
         let largest = |sizes: &[f32; 3]| sizes.iter().fold(0.0_f32, |most, &size| most.max(size));
         let is_outside = |sizes: &&[f32; 3]| !self.log_sizes.contains(&largest(sizes).ln());
