@@ -320,7 +320,7 @@ impl Tracking<'_> {
         } else {
             format!("{found}; {}", detected.said)
         };
-        stages.push(stage("detector", detector.id, found, begun));
+        stages.push(stage(Tracks::DETECTOR_STAGE, detector.id, found, begun));
         let begun = Stopwatch::with_children();
         let lifted = self.lift(&mut detections, input, self.request.options.distance)?;
         stages.push(stage("distance", lifted.method.id(), lifted.reason, begun));

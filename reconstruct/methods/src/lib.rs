@@ -13,3 +13,4 @@ pub mod omni4dgs;
 pub mod omni4dgs_plus;
 pub mod panogs;
 pub mod periodic;
+mod tracked_objects;

@@ -14,6 +14,7 @@ use crate::{
         self, DYNAMIC_MASK, MOTION_REGULARIZATION, VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION,
         constants,
     },
+    tracked_objects,
 };
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
@@ -72,6 +73,7 @@ pub const METHOD: Method = Method {
         VELOCITY_DECOMPOSITION,
         MOTION_REGULARIZATION,
         camera_response::ID,
+        tracked_objects::ID,
     ],
     ablation: &[],
     default_plan: DefaultPlan::Auto,
@@ -93,7 +95,7 @@ pub const METHOD: Method = Method {
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
         motion: MotionEvidenceUse::Decides,
-        model: &models::gaussians::GAUSSIANS,
+        model: &models::objects::OBJECT_GRAPH,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };
@@ -156,7 +158,7 @@ impl GapSettings {
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
-    _: BackendChoice,
+    backend: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
     let clock = scene.clock()?;
     let gap = GapSettings::across(scene.input_gap_frames(&clock), clock.frame_seconds);
@@ -172,6 +174,7 @@ fn prepare(
         lifespan_frames: gap.seed_frames,
     };
     dynamic::allow_seeds(&mut draft, seeding);
+    let objects = tracked_objects::drafted(&mut draft, scene, backend);
     draft.add_components();
     let mut dynamics = omni4dgs::dynamics(&draft, clock);
     if let Some(lifespans) = &mut dynamics.time.lifespans {
@@ -190,7 +193,9 @@ fn prepare(
     let lifespan = omni4dgs::first_lifespan(&clock, &dynamics);
     draft.settings.dynamics = Some(dynamics);
     let beginning = FirstGaussians::of(&mut draft, &clock, lifespan);
-    dynamic::prepared(draft, &beginning)
+    let mut prepared = dynamic::prepared(draft, &beginning)?;
+    tracked_objects::add(&mut prepared, objects, scene);
+    Ok(prepared)
 }
 
 #[cfg(test)]

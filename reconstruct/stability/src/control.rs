@@ -200,6 +200,7 @@ fn velocities_of_seeds() -> CaseResult {
             velocity: SeedVelocity::Tracked,
             exposure: None,
             maximum: 1_000,
+            explained: &[],
         },
     );
     let (mut worst, mut compared) = (0.0, 0);

@@ -42,11 +42,27 @@ impl Record for Tracks {
 impl Tracks {
     /// Name of the stage of tracks that are labels of a dataset.
     pub const LABELS_STAGE: &'static str = "labels";
+    /// Name of the stage of the detector.
+    pub const DETECTOR_STAGE: &'static str = "detector";
+    /// Detector of the true paths of a rendered scene.
+    const EXACT_DETECTOR: &'static str = "exact";
 
     /// Returns true for labels of a dataset: boxes that were given, and not tracked.
     pub fn are_labels(&self) -> bool {
         let mut stages = self.stages.iter();
         stages.any(|stage| stage.stage == Self::LABELS_STAGE)
+    }
+
+    /// Returns the detector of the tracks; `None` where they do not tell it.
+    pub fn detector(&self) -> Option<&str> {
+        let mut stages = self.stages.iter();
+        let detector = stages.find(|stage| stage.stage == Self::DETECTOR_STAGE)?;
+        Some(&detector.method)
+    }
+
+    /// Returns true for paths without error: labels of a dataset, and those of a rendered scene.
+    pub fn are_exact(&self) -> bool {
+        self.are_labels() || self.detector() == Some(Self::EXACT_DETECTOR)
     }
 
     /// Returns the tracks of a scene beside a split in `split_folder`; `None` where the file is missing.

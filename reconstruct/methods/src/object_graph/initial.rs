@@ -31,24 +31,31 @@ const KNOT_SECONDS: f64 = 2.0;
 
 /// Objects with their first Gaussians.
 #[derive(Debug, Default)]
-pub(super) struct FirstObjects {
-    pub(super) objects: Vec<TrackedObject>,
-    pub(super) gaussians: InitialGaussians,
+pub(crate) struct FirstObjects {
+    pub(crate) objects: Vec<TrackedObject>,
+    pub(crate) gaussians: InitialGaussians,
     /// The object of each Gaussian.
-    pub(super) numbers: Vec<usize>,
-    pub(super) warnings: Vec<String>,
+    pub(crate) numbers: Vec<usize>,
+    pub(crate) warnings: Vec<String>,
 }
 
 /// Returns the objects of a scene's tracks. Where their Gaussians would be more than half of the limit on all, each
 /// object gets fewer and larger ones, for about that half together, with a warning.
-pub(super) fn objects(scene: &TrainingScene, tracks: &Tracks, limit: u64) -> FirstObjects {
-    let first = bounded(scene, tracks, MOST);
+///
+/// An object has at most `per_pixel` Gaussians for each pixel of the view that shows it largest.
+pub(crate) fn objects(
+    scene: &TrainingScene,
+    tracks: &Tracks,
+    limit: u64,
+    per_pixel: f64,
+) -> FirstObjects {
+    let first = bounded(scene, tracks, MOST, per_pixel);
     let (wanted, most) = (first.gaussians.len(), (limit / PART_OF_LIMIT) as usize);
     if wanted <= most {
         return first;
     }
     let bound = most / tracks.tracks.len().max(1);
-    let mut fewer = bounded(scene, tracks, bound.clamp(LEAST_BOUND, MOST));
+    let mut fewer = bounded(scene, tracks, bound.clamp(LEAST_BOUND, MOST), per_pixel);
     fewer.warnings.push(format!(
         "objects start with {} Gaussians instead of {wanted}: 1/{PART_OF_LIMIT} of the limit of {limit} is for them",
         fewer.gaussians.len()
@@ -57,11 +64,11 @@ pub(super) fn objects(scene: &TrainingScene, tracks: &Tracks, limit: u64) -> Fir
 }
 
 /// Returns the objects of a scene's tracks with about `most` Gaussians each, or fewer.
-fn bounded(scene: &TrainingScene, tracks: &Tracks, most: usize) -> FirstObjects {
+fn bounded(scene: &TrainingScene, tracks: &Tracks, most: usize, per_pixel: f64) -> FirstObjects {
     let mut first = FirstObjects::default();
     for track in &tracks.tracks {
         let object = tracked_object(scene, track, DVec3::from_array(tracks.up));
-        let (mut gaussians, views) = seen(scene, &object, most);
+        let (mut gaussians, views) = seen(scene, &object, most, per_pixel);
         if views == 0 {
             first.warnings.push(format!(
                 "object {} is in no input view and is left out",
@@ -111,7 +118,12 @@ pub(super) fn tracked_object(scene: &TrainingScene, track: &Track, up: DVec3) ->
 
 /// Returns about `most` Gaussians, or fewer, where pixels see an object's box, in its coordinates, and the number of
 /// views that see it.
-fn seen(scene: &TrainingScene, object: &TrackedObject, most: usize) -> (InitialGaussians, usize) {
+fn seen(
+    scene: &TrainingScene,
+    object: &TrackedObject,
+    most: usize,
+    per_pixel: f64,
+) -> (InitialGaussians, usize) {
     let corrections = vec![0.0; object.path.correction_len()];
     let mut sightings: Vec<(&TrainingView, RigidPose, [usize; 4])> = scene
         .input_views
@@ -124,11 +136,13 @@ fn seen(scene: &TrainingScene, object: &TrackedObject, most: usize) -> (InitialG
     let area = |[left, top, right, bottom]: &[usize; 4]| (right - left) * (bottom - top);
     sightings.sort_by_key(|(view, _, range)| (std::cmp::Reverse(area(range)), view.frame));
     sightings.truncate(VIEWS);
+    let largest = sightings.first().map_or(0, |(_, _, range)| area(range));
+    let most = most.min((per_pixel * largest as f64) as usize);
     let mut all = InitialGaussians::default();
     let width = scene.camera.width() as usize;
     for (view, pose, range) in &sightings {
         let [left, top, right, bottom] = *range;
-        let of_view = most / sightings.len().max(1);
+        let of_view = (most / sightings.len().max(1)).max(1);
         let step = ((area(range) as f64 / of_view as f64).sqrt().ceil() as usize).max(1);
         for row in (top..bottom).step_by(step) {
             for column in (left..right).step_by(step) {
@@ -149,6 +163,33 @@ fn seen(scene: &TrainingScene, object: &TrackedObject, most: usize) -> (InitialG
         }
     }
     (all, sightings.len())
+}
+
+/// Returns which pixels of each input view show the box of an object; a view that shows none has no entries.
+pub(crate) fn covered(scene: &TrainingScene, objects: &[TrackedObject]) -> Vec<Vec<bool>> {
+    let [width, height] = scene.camera.size();
+    let of_view = |view: &TrainingView| {
+        let mut pixels = Vec::new();
+        for object in objects {
+            let corrections = vec![0.0; object.path.correction_len()];
+            let pose = object.path.pose(view.view.time_seconds, &corrections);
+            let Some((pose, range)) =
+                pose.and_then(|pose| Some((pose, pixel_range(scene, view, object, &pose)?)))
+            else {
+                continue;
+            };
+            pixels.resize(width * height, false);
+            let [left, top, right, bottom] = range;
+            for row in top..bottom {
+                for column in left..right {
+                    pixels[row * width + column] |=
+                        entry(scene, view, object, &pose, [column, row]).is_some();
+                }
+            }
+        }
+        pixels
+    };
+    scene.input_views.iter().map(of_view).collect()
 }
 
 /// Returns columns and rows (from, to) of the pixels that an object's box may cover; `None` where it is not

@@ -4,7 +4,7 @@
 //! trains 4DGF (Fischer et al., "Dynamic 3D Gaussian
 //! Fields for Urban Areas", `NeurIPS` 2024) on tracks that it finds itself.
 
-mod initial;
+pub(crate) mod initial;
 mod patches;
 mod path_alignment;
 mod refit;
@@ -115,7 +115,7 @@ const OBJECT_GRAPH: &str = "object-graph";
 const OBJECT_POSES_COMPONENT: &str = "object-poses";
 
 /// Step sizes of centres in the objects' coordinates (4DGF, that of 3DGS).
-const POSITION_RATE: Decay = Decay {
+pub(crate) const POSITION_RATE: Decay = Decay {
     begin: 1.6e-4,
     end: 1.6e-6,
 };
@@ -144,7 +144,7 @@ const UNMEASURED_ERROR: f64 = 0.1;
 /// Share of the first step size at the end (4DGF).
 const POSE_END_SHARE: f32 = 0.1;
 /// Least step size: a rate of 0 has no logarithm.
-const LEAST_POSE_RATE: f32 = 1e-12;
+pub(crate) const LEAST_POSE_RATE: f32 = 1e-12;
 /// Minimum number of detections of a path with more than one correction. The mean of all corrections is 0, so that
 /// a single one stays 0.
 const LEAST_DETECTIONS: u32 = 4;
@@ -186,7 +186,7 @@ fn prepare(
     );
     let objects = if uses_objects {
         let limit = draft.settings.densify.maximum_gaussians;
-        initial::objects(scene, tracks, limit)
+        initial::objects(scene, tracks, limit, f64::INFINITY)
     } else {
         initial::FirstObjects::default()
     };
@@ -249,7 +249,7 @@ fn of_alignment(tracks: &Tracks, survey: Option<&PathSurvey>) -> Decision {
     let Some(survey) = survey else {
         return Decision::on_request("its gain was measured on no flight");
     };
-    let origin = if detector_of(tracks) == Some("exact") || tracks.are_labels() {
+    let origin = if tracks.are_exact() {
         "the paths are exact; "
     } else {
         ""
@@ -259,13 +259,6 @@ fn of_alignment(tracks: &Tracks, survey: Option<&PathSurvey>) -> Decision {
     } else {
         Decision::new(false, format!("no path is refit: {origin}{survey}")).settled()
     }
-}
-
-/// Returns the detector of the tracks; `None` where they do not tell it.
-fn detector_of(tracks: &Tracks) -> Option<&str> {
-    let mut stages = tracks.stages.iter();
-    let detector = stages.find(|stage| stage.stage == "detector")?;
-    Some(detector.method.as_str())
 }
 
 /// Error of the paths in use.
@@ -351,8 +344,8 @@ fn uncorrectable(tracks: &Tracks) -> Option<&'static str> {
 
 /// Returns the decision on refining paths, with their origin.
 fn of_poses(tracks: &Tracks, error: PathError) -> Decision {
-    let origin = match detector_of(tracks) {
-        Some("exact") => "the paths are exact".to_owned(),
+    let origin = match tracks.detector() {
+        _ if tracks.are_exact() => "the paths are exact".to_owned(),
         Some(method) => format!("the paths come from detections ({method})"),
         None => "nothing is said of how the paths were found".to_owned(),
     };

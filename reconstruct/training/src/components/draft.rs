@@ -39,6 +39,8 @@ pub struct Draft<'a> {
     pub fixed: InitialGaussians,
     /// Number of Gaussians that the method adds to those of this draft, within the limit.
     pub reserved: u64,
+    /// Pixels of each input view with Gaussians of objects, which need no seeds; views without any have no entries.
+    pub explained: Vec<Vec<bool>>,
     /// The decisions so far.
     pub(crate) plan: DecisionLog<'a>,
     motion: MotionEvidenceUse,
@@ -96,6 +98,7 @@ impl<'a> Draft<'a> {
             point_indices: Vec::new(),
             fixed: InitialGaussians::default(),
             reserved: 0,
+            explained: Vec::new(),
             plan: DecisionLog::new(request),
             motion,
         };

@@ -52,6 +52,7 @@ fn apply(draft: &mut Draft<'_>) {
         velocity: seeding.velocity,
         exposure: draft.settings.exposure.as_ref(),
         maximum: room.ceil() as usize,
+        explained: &draft.explained,
     };
     draft.seeds = mask_seeds(draft.scene, &settings);
 }

@@ -17,7 +17,8 @@ use super::{
 use crate::{
     error::ReconstructError,
     formats::{
-        GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE, OBJECTS_FILE, REFINED_POSES_FILE, objects, validity,
+        GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE, OBJECTS_FILE,
+        REFINED_POSES_FILE, objects, validity,
     },
 };
 
@@ -25,6 +26,7 @@ use crate::{
 pub const OBJECT_GRAPH: ModelFormat = ModelFormat {
     files: &[
         GAUSSIANS_FILE,
+        MOVING_GAUSSIANS_FILE,
         OBJECTS_FILE,
         OBJECT_GAUSSIANS_FILE,
         REFINED_POSES_FILE,
@@ -61,15 +63,25 @@ fn edit<'a>(
     let mut warnings = validity::notes(folder, &invalid);
     warnings.extend(graph.out_of_view());
     let EditedObjects { record, table, .. } = graph;
+    let others = [GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE];
+    let others: Vec<&str> = (others.into_iter())
+        .filter(|file| folder.join(file).is_file())
+        .collect();
+    let files = [OBJECTS_FILE, OBJECT_GAUSSIANS_FILE].into_iter();
+    let files: Vec<String> = files
+        .chain(others.iter().copied())
+        .map(str::to_owned)
+        .collect();
     let write = move |out: &Path| {
-        store::copy_atomically(&folder.join(GAUSSIANS_FILE), &out.join(GAUSSIANS_FILE))?;
+        for file in others {
+            store::copy_atomically(&folder.join(file), &out.join(file))?;
+        }
         objects::write_table(out, &table)?;
         Ok(store::write_record(&out.join(OBJECTS_FILE), &record)?)
     };
-    let files = [GAUSSIANS_FILE, OBJECTS_FILE, OBJECT_GAUSSIANS_FILE];
     Ok(EditedModel {
         planned: PlannedFiles {
-            files: files.map(str::to_owned).to_vec(),
+            files,
             write: Box::new(write),
         },
         changes,

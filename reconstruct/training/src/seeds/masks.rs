@@ -96,6 +96,16 @@ pub struct SeedSettings<'a> {
     pub exposure: Option<&'a Exposure>,
     /// Maximum number of seeds.
     pub maximum: usize,
+    /// Pixels of each view that get none; views without any have no entries.
+    pub explained: &'a [Vec<bool>],
+}
+
+impl SeedSettings<'_> {
+    fn is_explained(&self, at: &MaskedPixel) -> bool {
+        let view = self.explained.get(at.view);
+        view.and_then(|pixels| pixels.get(at.pixel))
+            .is_some_and(|&is| is)
+    }
 }
 
 /// Places seeds, evenly from all masked pixels.
@@ -126,6 +136,7 @@ pub fn mask_seeds(scene: &TrainingScene, settings: &SeedSettings<'_>) -> MaskSee
                 pixel,
             })
         })
+        .filter(|at| !settings.is_explained(at))
         .collect();
     let count = all.len().min(settings.maximum);
     let mut seeds = MaskSeeds {

@@ -17,6 +17,7 @@ fn settings(clock: Clock, velocity: SeedVelocity, maximum: usize) -> SeedSetting
         velocity,
         exposure: None,
         maximum,
+        explained: &[],
     }
 }
 
