@@ -231,7 +231,7 @@ impl RunFacts {
             novel_folder: file.with_file_name(&run.novel_views),
             trace: None,
             stage: ExternalRun::STAGE,
-            split_sha256: None,
+            split_sha256: run.inputs.get(SPLIT_FILE).cloned(),
             method: run.method,
             scene: run.scene,
             protocol_hash: run.protocol_hash,
@@ -255,7 +255,7 @@ impl RunFacts {
             stages: Vec::new(),
             peak_memory_bytes: run.phases.iter().filter_map(|p| p.peak_memory_bytes).max(),
             warnings: run.warnings,
-            inputs: BTreeMap::new(),
+            inputs: run.inputs,
             failure: run.failure,
         }
     }

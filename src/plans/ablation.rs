@@ -13,7 +13,7 @@ use omnilife_schemas::{
     records::{SweepUnit, UnitNeeds},
 };
 
-use super::{absolute, argument, own_command, scoring, tensorboard, words};
+use super::{absolute, argument, own_command, scoring, scoring_networks, tensorboard, words};
 use crate::cli::MethodArguments;
 
 pub(crate) struct AblationRequest<'a> {
@@ -58,7 +58,7 @@ impl AblationRequest<'_> {
             labels: [("method".to_owned(), name)].into(),
             commands: vec![own_command(train)?, score],
             on_failure: Vec::new(),
-            inputs: vec![scene, split],
+            inputs: [vec![scene, split], scoring_networks()?].concat(),
             outputs: vec![argument(&folder.join("score/result.json"))?],
             needs: self.needs,
         })

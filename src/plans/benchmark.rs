@@ -25,7 +25,8 @@ use omnilife_schemas::{
 use omnilife_sweep::plan;
 
 use super::{
-    absolute, argument, left_out::LeftOut, needs, own_command, scoring, tensorboard, words,
+    absolute, argument, left_out::LeftOut, needs, own_command, scoring, scoring_networks,
+    tensorboard, words,
 };
 use crate::{
     cli::{AidsArgument, BenchPlanArguments, plan_word},
@@ -66,6 +67,7 @@ pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepU
     let requiring: Vec<&Method> = (request.methods.iter())
         .filter(|method| method.has_requirements())
         .collect();
+    let networks = scoring_networks()?;
     let mut units = Vec::new();
     // A benchmark that is cut short has whole repetitions, not whole scenes.
     for (repetition, seed) in request.seeds.iter().enumerate() {
@@ -87,6 +89,7 @@ pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepU
                         seed: *seed,
                         train: request.train,
                         tensorboard: request.tensorboard,
+                        networks: &networks,
                         needs: request.needs,
                     };
                     units.push(work.unit()?);
@@ -322,6 +325,8 @@ struct Work<'a> {
     seed: u64,
     train: &'a [String],
     tensorboard: Option<&'a Path>,
+    /// Weights of the networks that score its views.
+    networks: &'a [String],
     needs: UnitNeeds,
 }
 
@@ -367,6 +372,7 @@ impl Work<'_> {
             &argument(&run)?,
         ]))?;
         let mut inputs = vec![scene.clone()];
+        inputs.extend_from_slice(self.networks);
         if let MethodKind::External(manifest) = &self.method.kind {
             inputs.push(argument(manifest)?);
             for script in own_files(manifest)? {

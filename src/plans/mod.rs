@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::Parser;
+use omnilife_bench::lpips::Backbone;
 use omnilife_reconstruct::jobs::reconstruct;
 use omnilife_schemas::records::UnitNeeds;
 
@@ -31,6 +32,17 @@ fn needs(arguments: &PlanArguments) -> anyhow::Result<UnitNeeds> {
 /// Returns a path that is valid for commands in any folder.
 fn absolute(path: &Path) -> anyhow::Result<PathBuf> {
     std::path::absolute(path).with_context(|| format!("{}: cannot be located", path.display()))
+}
+
+/// Returns the installed weights of the networks that score views: a result without LPIPS is stale once they are there.
+///
+/// # Errors
+/// When a path is not UTF-8.
+fn scoring_networks() -> anyhow::Result<Vec<String>> {
+    let installed = Backbone::ALL
+        .into_iter()
+        .filter_map(|backbone| backbone.published_weights().ok());
+    installed.map(|weights| argument(weights.path())).collect()
 }
 
 /// Returns a path as an argument of a command.

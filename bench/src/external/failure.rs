@@ -1,6 +1,9 @@
 //! Record of a run that failed without leaving one.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use omnilife_schemas::{
     progress::Progress,
@@ -62,6 +65,7 @@ pub fn record_failure(
         novel_views: NOVEL_FOLDER.to_owned(),
         input_views: Some(INPUT_FOLDER.to_owned()),
         warnings: Vec::new(),
+        inputs: BTreeMap::new(),
     };
     let record = match &request.run {
         Some(run) => failed_run(run, &fallback).unwrap_or(fallback),

@@ -11,12 +11,13 @@ pub mod manifest;
 mod placeholders;
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
 use omnilife_schemas::{
     child::{self, GRACE, Job},
+    layout::{SCENE_FILE, SPLIT_FILE},
     progress::Progress,
     provenance,
     records::{ExternalRun, Phase, Scene, Split},
@@ -79,7 +80,10 @@ pub fn run_external(
         .with_file(&request.scene)?
         .with_file(&request.split)?
         .with_hash("frames of the split", identity.sha256);
-    let plan = with_scene_files(plan, &request.scene, &scene)?;
+    let mut inputs = hashes_beside_images(&request.scene, &scene)?;
+    let beside: Vec<&str> = inputs.values().map(String::as_str).collect();
+    let beside = store::sha256_bytes(beside.join("\n").as_bytes());
+    let plan = plan.with_hash("points, masks and distances of the scene", beside);
     let plan = with_own_files(plan, &manifest, |word| places.fill(word))?;
     let label = format!("{} on {}", manifest.id, scene.id);
     let skipped = format!("{label}: skipped, nothing has changed");
@@ -100,6 +104,7 @@ pub fn run_external(
         for folder in [WORK_FOLDER, LOG_FOLDER, INPUT_FOLDER, NOVEL_FOLDER] {
             store::create_folder(&request.out.join(folder))?;
         }
+        inputs.extend(hashes_of_split(request, &scene, &split)?);
         let (phases, failure) = run_phases(&manifest, &places, &request.out, &label, progress)?;
         // The views of a run that failed stay in its work folder: their state is unknown.
         let gathered = match failure {
@@ -131,6 +136,7 @@ pub fn run_external(
                 .is_some()
                 .then(|| INPUT_FOLDER.to_owned()),
             warnings,
+            inputs,
         };
         out.add_all(gathered.files);
         if record.failure.is_some() {
@@ -140,22 +146,38 @@ pub fn run_external(
     })
 }
 
-/// Adds points, masks and distances of the scene, which a method may read, to its images.
-fn with_scene_files(
-    plan: StagePlan,
+/// Returns the hashes of points, masks and distances of the scene, which a method may read beside its images.
+fn hashes_beside_images(
     scene_file: &Path,
     scene: &Scene,
-) -> Result<StagePlan, BenchError> {
+) -> Result<BTreeMap<String, String>, BenchError> {
     let images: BTreeSet<&str> = scene.frames.iter().map(|frame| &*frame.image).collect();
-    let mut hashes = Vec::new();
+    let mut hashes = BTreeMap::new();
     for file in scene.files().difference(&images) {
         let path = scene_file.with_file_name(file);
         if path.is_file() {
-            hashes.push(store::sha256_file(&path)?);
+            hashes.insert((*file).to_owned(), store::sha256_file(&path)?);
         }
     }
-    let sha256 = store::sha256_bytes(hashes.join("\n").as_bytes());
-    Ok(plan.with_hash("points, masks and distances of the scene", sha256))
+    Ok(hashes)
+}
+
+/// Returns the hashes of the split, of its frames and of the scene's record, for the record of a run.
+fn hashes_of_split(
+    request: &ExternalRequest,
+    scene: &Scene,
+    split: &Split,
+) -> Result<BTreeMap<String, String>, BenchError> {
+    let mut hashes = BTreeMap::from([
+        (SCENE_FILE.to_owned(), store::sha256_file(&request.scene)?),
+        (SPLIT_FILE.to_owned(), store::sha256_file(&request.split)?),
+    ]);
+    for &number in split.input_views.iter().chain(&split.novel_views) {
+        let frame = &scene.frames[number as usize];
+        let hash = store::sha256_file(&request.scene.with_file_name(&frame.image))?;
+        hashes.insert(frame.image.clone(), hash);
+    }
+    Ok(hashes)
 }
 
 /// Adds the method's own scripts.

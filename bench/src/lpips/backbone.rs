@@ -51,6 +51,9 @@ const VGG: [&[(Geometry, usize)]; 5] = [
 ];
 
 impl Backbone {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Alex, Self::Vgg];
+
     /// Returns the name of the weights; `scripts/setup --models` knows it too.
     pub fn weights(self) -> &'static str {
         match self {

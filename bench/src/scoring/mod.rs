@@ -116,8 +116,9 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
 
 /// Returns the name of the slowest part.
 fn slowest(job: &ScoringJob) -> String {
-    let networks: Vec<&str> = [Backbone::Vgg, Backbone::Alex]
+    let networks: Vec<&str> = Backbone::ALL
         .into_iter()
+        .rev()
         .filter(|&network| job.needs(Need::Network(network)))
         .map(Backbone::weights)
         .collect();

@@ -13,7 +13,8 @@ use omnilife_bench::{
 use omnilife_schemas::{
     Classified, ErrorKind,
     progress::Silent,
-    records::{ExternalRun, PhaseName, ResultRecord},
+    records::{ExternalRun, PhaseName, ResultRecord, Scene},
+    store,
     testing::Notes,
 };
 use scenes::scene;
@@ -117,6 +118,30 @@ fn a_method_is_run_measured_and_scored() {
     assert_eq!(result.novel_views, theirs.novel_views);
     assert!(result.input_views.is_empty() && result.failures.is_empty());
     assert_eq!(result.training_seconds, Some(run.phases[0].wall_seconds));
+}
+
+/// A frame of the scene that is another one after the method ran: the method did not see what it is scored against.
+#[test]
+fn frames_that_changed_after_a_method_ran_are_told_with_its_scores() {
+    let stand = copying_stand();
+    let run = stand.run();
+    let scene: Scene = store::read_record(&stand.request.scene).unwrap();
+    let split = &stand.bench.split;
+    let frames = || split.input_views.iter().chain(&split.novel_views);
+    assert!(frames().all(|&frame| run.inputs.contains_key(&scene.frames[frame as usize].image)));
+    let other_frames = |result: ResultRecord| {
+        let mut warnings = result.warnings.into_iter();
+        warnings.find(|line| line.contains("changed after the training"))
+    };
+    let same = score(&stand.score_request(), &Silent).unwrap();
+    assert_eq!(other_frames(same), None);
+    let frame = &scene.frames[split.novel_views[0] as usize].image;
+    let file = stand.request.scene.with_file_name(frame);
+    scoring::image(0, 9).write_png(&file).unwrap();
+    let changed = score(&stand.score_request(), &Silent).unwrap();
+    let line = other_frames(changed).unwrap();
+    assert!(line.contains(": 1 (") && line.contains(frame), "{line}");
+    assert_ne!(stand.run().inputs[frame], run.inputs[frame]);
 }
 
 /// An image that another program wrote over a view of the run.

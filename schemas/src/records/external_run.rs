@@ -44,6 +44,10 @@ pub struct ExternalRun {
     pub input_views: Option<String>,
     /// Warnings that a reader of the scores should know.
     pub warnings: Vec<String>,
+    /// SHA-256 of the split, and of the files of the scene by their names, before the commands ran; records of older
+    /// versions lack them.
+    #[serde(default)]
+    pub inputs: BTreeMap<String, String>,
 }
 
 impl ExternalRun {
