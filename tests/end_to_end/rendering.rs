@@ -10,6 +10,7 @@ use serde_json::Value;
 
 use crate::support::{
     METHOD, SEQUENCE, SMALL_SIZE, omnilife, read_image, sample, scratch, small_run,
+    write_tracked_split,
 };
 
 #[test]
@@ -105,6 +106,74 @@ fn deformed_gaussians_are_rendered_at_the_times_of_their_frames() {
     fs::remove_file(run.join("deformation.safetensors")).unwrap();
     let message = render("all").failed_quietly(2).to_owned();
     assert!(message.contains("deformation.safetensors"), "{message}");
+}
+
+/// Edits of a vehicle leave Gaussians with times of their own as they are.
+#[test]
+fn a_vehicle_beside_gaussians_with_times_can_be_taken_out() {
+    let scene = small_run().out.join(SEQUENCE).join("scene.json");
+    let folder = scratch();
+    write_tracked_split(folder.path());
+    let at = |name: &str| folder.path().join(name);
+    let script = "[[edit]]\nkind = \"remove\"\nobject = \"1\"\n";
+    fs::write(at("edit.toml"), script).unwrap();
+    let run = |words: &[&str], paths: &[PathBuf]| {
+        let words = words.iter().map(OsStr::new);
+        let paths = paths.iter().map(|path| path.as_os_str());
+        omnilife(words.chain(paths)).succeeded()
+    };
+    let split = at("split.json");
+    let train = [
+        "reconstruct",
+        "train",
+        "--method",
+        "omni4dgs-plus",
+        "--with",
+        "tracked-objects",
+        "--without",
+        "aids",
+        "--iterations",
+        "3",
+        "--set",
+        "max-gaussians=400",
+        "--split",
+    ];
+    run(&train, &[split, "--out".into(), at("run"), scene.clone()]);
+    for file in [
+        "gaussians-moving.ply",
+        "objects.json",
+        "gaussians-objects.ply",
+    ] {
+        assert!(at("run").join(file).is_file(), "{file}");
+    }
+    let edit = ["reconstruct", "edit", "--script"];
+    run(
+        &edit,
+        &[at("edit.toml"), "--out".into(), at("edited"), at("run")],
+    );
+    for file in ["gaussians.ply", "gaussians-moving.ply"] {
+        let [before, after] =
+            ["run", "edited"].map(|folder| fs::read(at(folder).join(file)).unwrap());
+        assert!(before == after, "{file}");
+    }
+    let objects = fs::read_to_string(at("edited/objects.json")).unwrap();
+    let objects: Value = serde_json::from_str(&objects).unwrap();
+    assert_eq!(objects["objects"].as_array().map(Vec::len), Some(0));
+    let render = ["reconstruct", "render", "--size", "32x16", "--poses"];
+    for name in ["run", "edited"] {
+        run(
+            &render,
+            &[
+                scene.clone(),
+                "--out".into(),
+                at("views").join(name),
+                at(name),
+            ],
+        );
+    }
+    let [with, without] =
+        ["run", "edited"].map(|name| read_image(&at("views").join(name).join("000000.png")));
+    assert!(with.iter().ne(without.iter()));
 }
 
 /// A run that refines poses predicts the views of its Gaussians from the poses that it leaves.

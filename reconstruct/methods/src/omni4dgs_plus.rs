@@ -68,12 +68,12 @@ pub const METHOD: Method = Method {
         denser_points::ID,
         sky_shell::ID,
         OPACITY_RESET,
+        tracked_objects::ID,
     ],
     optional_components: &[
         VELOCITY_DECOMPOSITION,
         MOTION_REGULARIZATION,
         camera_response::ID,
-        tracked_objects::ID,
     ],
     ablation: &[],
     default_plan: DefaultPlan::Auto,
@@ -158,7 +158,7 @@ impl GapSettings {
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
-    backend: BackendChoice,
+    _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
     let clock = scene.clock()?;
     let gap = GapSettings::across(scene.input_gap_frames(&clock), clock.frame_seconds);
@@ -174,7 +174,7 @@ fn prepare(
         lifespan_frames: gap.seed_frames,
     };
     dynamic::allow_seeds(&mut draft, seeding);
-    let objects = tracked_objects::drafted(&mut draft, scene, backend);
+    let objects = tracked_objects::drafted(&mut draft, scene);
     draft.add_components();
     let mut dynamics = omni4dgs::dynamics(&draft, clock);
     if let Some(lifespans) = &mut dynamics.time.lifespans {

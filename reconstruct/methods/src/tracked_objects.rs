@@ -16,7 +16,6 @@ use omnilife_schemas::records::{ObjectClass, Tracks};
 use omnilife_training::{
     components::{Decision, Draft},
     method::PreparedGaussians,
-    request::BackendChoice,
     scene::TrainingScene,
 };
 
@@ -33,17 +32,10 @@ pub(crate) const ID: &str = "tracked-objects";
 const PER_PIXEL: f64 = 1.0;
 
 /// Decides on the component, and reserves room for its Gaussians; none where it is not used.
-pub(crate) fn drafted(
-    draft: &mut Draft<'_>,
-    scene: &TrainingScene,
-    backend: BackendChoice,
-) -> FirstObjects {
+pub(crate) fn drafted(draft: &mut Draft<'_>, scene: &TrainingScene) -> FirstObjects {
     let vehicles = scene.tracks.as_ref().and_then(vehicles);
     let decision = match &vehicles {
         None => Decision::without("tracks of vehicles"),
-        Some(_) if backend != BackendChoice::Cpu => {
-            Decision::without("the CPU: GPU kernels have no masks of objects")
-        }
         Some(tracks) => by_tracks(tracks),
     };
     let used = draft.decide(ID, decision);

@@ -31,6 +31,7 @@ use crate::{
 };
 use omnilife_training::{
     error::ReconstructError,
+    formats::OBJECTS_FILE,
     method::{Method, MethodKind, requirement::Requirement},
     models::run_views,
     process,
@@ -149,7 +150,10 @@ pub fn reconstruct(
             }
         };
         record.warnings.extend(notes);
-        record.stages = stage_times::of_request(request, method, &scene)?;
+        // Methods that can do without tracks have objects where they used them.
+        let used_tracks =
+            method.needs(Requirement::Tracks) || outputs.iter().any(|file| file == OBJECTS_FILE);
+        record.stages = stage_times::of_request(request, &scene, used_tracks)?;
         record.peak_memory_bytes = process::peak_memory_bytes();
         out.add_all(outputs);
         out.write_record(RUN_FILE, &record)?;

@@ -11,7 +11,6 @@ use omnilife_schemas::{
 };
 
 use crate::jobs::reconstruct::ReconstructRequest;
-use omnilife_training::method::{Method, requirement::Requirement};
 
 /// Stages in a scene's folder: frames, and their poses.
 const FRAMES: &str = "frames";
@@ -19,17 +18,16 @@ const POSES: &str = "poses";
 /// The stage of a folder of dense points.
 const DENSE: &str = "dense";
 
-/// Returns the times of the scene, its points and, where the method takes them, its tracks.
+/// Returns the times of the scene, its points and, where the run used them, its tracks.
 pub(super) fn of_request(
     request: &ReconstructRequest,
-    method: &Method,
     scene: &Scene,
+    used_tracks: bool,
 ) -> Result<Vec<StageTime>, StoreError> {
     let folder = |file: &Path| file.parent().unwrap_or(Path::new(".")).to_owned();
     let (scene_folder, split_folder) = (folder(&request.scene), folder(&request.split));
     let points = ScenePoints::find(scene, &scene_folder, &split_folder)?;
-    let tracks: Option<Tracks> = method
-        .needs(Requirement::Tracks)
+    let tracks: Option<Tracks> = used_tracks
         .then(|| store::read_record(&request.split.with_file_name(TRACKS_FILE)))
         .transpose()?;
     Ok(of_inputs(

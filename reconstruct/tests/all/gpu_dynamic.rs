@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use device::{assert_gradients_agree, devices};
+use glam::DVec3;
 use held_camera::scene;
 use omnilife_engine::{
     device::Gpu,
@@ -14,6 +15,7 @@ use omnilife_engine::{
             InitialTimes, LOG_LIFESPANS, LifespanFeature, PEAK_TIMES, RADIAL_VELOCITIES,
             TANGENTIAL_VELOCITIES, TemporalFeatures, VELOCITIES, VelocityModel,
         },
+        tracked::{self, TrackedGaussians, TrackedObject},
     },
     model::{
         Model, Part, Statistics,
@@ -28,9 +30,14 @@ use omnilife_engine::{
         Stepper, cpu::CpuStepper, gpu::GpuStepper, pose_refinement::PoseRefinement,
         settings::TrainSettings,
     },
+    trajectories::rigid_path::RigidPath,
 };
 use omnilife_reconstruct::{baseline, scene::TrainingScene, seeds::points};
-use omnilife_schemas::{points::PointCloud, records::Backend};
+use omnilife_schemas::{
+    points::PointCloud,
+    records::Backend,
+    trajectory::{BSpline, ObjectPath},
+};
 
 use crate::support::{device, held_camera, random_models};
 
@@ -60,8 +67,38 @@ fn vary(table: &mut ParameterTable, name: &str, size: f32) {
     }
 }
 
-/// Returns static Gaussians, and moving ones: some with lifespans of two frames, some of sixty.
-fn model(scene: &TrainingScene, dynamics: &DynamicSettings, refines_poses: bool) -> Model {
+/// Returns Gaussians of a box that crosses the views, on a path.
+fn crossing_box(scene: &TrainingScene) -> Part {
+    let path = ObjectPath {
+        centre: BSpline {
+            degree: 1,
+            knots: BSpline::uniform_knots(1, 2, 0.0, 14.0),
+            coefficients: vec![[-0.7, 0.2, 3.0], [0.7, 0.2, 3.0]],
+        },
+        heading_seconds: vec![0.0],
+        headings: vec![0.3],
+    };
+    let object = TrackedObject {
+        id: 5,
+        dimensions: [1.4; 3].map(|side| (side * scene.normalization.scale) as f32),
+        path: RigidPath::new(&path, -DVec3::Y, 0.7, 1, &scene.normalization),
+    };
+    let half = object.half_box();
+    let mut gaussians = InitialGaussians::default();
+    for index in 0..40 {
+        let place = |axis: usize| half[axis] * (1.3 * (index * (axis + 1)) as f32).sin();
+        gaussians.push_isotropic([0, 1, 2].map(place), 0.1, [0.8, 0.3, 0.2], 0.5);
+    }
+    let mut table = tracked::table(&gaussians, &[0; 40]);
+    vary(&mut table, "log_scales", 0.4);
+    vary(&mut table, "quaternions", 0.5);
+    Part::new(TrackedGaussians::new(vec![object], false), table)
+}
+
+/// Returns static Gaussians, and moving ones: some with lifespans of two frames, some of sixty; and those of an object
+/// where the settings have objects.
+fn model(scene: &TrainingScene, settings: &TrainSettings) -> Model {
+    let dynamics = settings.dynamics.as_ref().unwrap();
     let mut fixed = static_gaussians::table(&initial(scene, 0), 1);
     let moving = initial(scene, 4);
     let len = moving.positions.len();
@@ -85,8 +122,12 @@ fn model(scene: &TrainingScene, dynamics: &DynamicSettings, refines_poses: bool)
         Part::new(StaticGaussians, fixed),
         Part::new(dynamics.parameterization(), table),
     ]);
+    if settings.objects {
+        model.parts.push(crossing_box(scene));
+    }
     let views = &scene.input_views;
     let seconds = views.iter().map(|view| view.view.time_seconds).collect();
+    let refines_poses = settings.pose_refinement.is_some();
     model.poses = refines_poses.then(|| PoseCorrections::new(seconds));
     model
 }
@@ -173,8 +214,7 @@ fn compare(what: &str, scene: &TrainingScene, settings: &TrainSettings) {
 }
 
 fn compare_on(gpu: &Arc<Gpu>, what: &str, scene: &TrainingScene, settings: &TrainSettings) {
-    let dynamics = settings.dynamics.as_ref().unwrap();
-    let begins = || model(scene, dynamics, settings.pose_refinement.is_some());
+    let begins = || model(scene, settings);
     let rates = rates(&begins());
     let mut on_gpu = GpuStepper::new(Arc::clone(gpu), scene.inputs(), begins(), settings).unwrap();
     let mut on_cpu = CpuStepper::new(scene.inputs(), begins(), settings);
@@ -289,6 +329,17 @@ fn steps_with_gains_poses_and_dropout_are_those_of_the_cpu() {
         ..omni4dgs(&scene, VelocityForm::Literal, DirectionOrigin::Camera)
     };
     compare("gains, poses and dropout", &scene, &settings);
+}
+
+/// Checks steps with an object beside Gaussians with times: for the losses on maps it is dynamic and without velocity.
+#[test]
+fn steps_with_an_object_beside_times_are_those_of_the_cpu() {
+    let scene = scene();
+    let settings = TrainSettings {
+        objects: true,
+        ..periodic(&scene)
+    };
+    compare("an object", &scene, &settings);
 }
 
 /// Checks models in which only the opacity depends on time, and only the position.

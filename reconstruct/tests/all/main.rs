@@ -34,4 +34,5 @@ mod support;
 mod swept_points;
 mod toy_method;
 mod trace_rows;
+mod tracked_objects;
 mod training;

@@ -94,7 +94,7 @@ fn train<'a>(scene: &'a TrainingScene, method: &str) -> MethodOutcome<'a> {
 }
 
 /// Returns the mean PSNR of the masked pixels of the novel views, dB.
-fn dynamic_psnr(outcome: &mut MethodOutcome<'_>, scene: &TrainingScene) -> f64 {
+pub(crate) fn dynamic_psnr(outcome: &mut MethodOutcome<'_>, scene: &TrainingScene) -> f64 {
     let scores = scene.novel_views.iter().map(|view| {
         let image = outcome.learner.image(&view.view).unwrap();
         let mask = view.mask.as_ref().unwrap();

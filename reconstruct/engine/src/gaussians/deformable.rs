@@ -196,7 +196,8 @@ impl Parameterization for Deformable {
         let time = self.network_time(at);
         self.took_part = time.is_some();
         static_gaussians::activate_from(table, first, out);
-        static_gaussians::write_static_features(features, first, table.len(), out);
+        let rows = first..first + table.len();
+        features.write_untimed(self.untimed_lifespan(), rows, &mut out.features);
         if let Some(time) = time {
             // Images without a backward pass need no activations.
             self.evaluation.keep_activations(at.scheduled.is_some());

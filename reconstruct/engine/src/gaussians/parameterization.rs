@@ -142,6 +142,16 @@ pub trait Parameterization: fmt::Debug + Send {
         None
     }
 
+    /// Returns the lifespan of Gaussians without times of their own, frames, for the losses of masks: those that rest
+    /// are there for ever, and those on a path are as dynamic as can be.
+    fn untimed_lifespan(&self) -> f32 {
+        if self.tracked().is_some() {
+            0.0
+        } else {
+            f32::INFINITY
+        }
+    }
+
     /// Returns its kernels on a GPU; `None` without GPU support.
     fn device_twin(&self) -> Option<&dyn DeviceTwin> {
         None

@@ -6,8 +6,6 @@ pub(crate) mod gpu;
 
 use rayon::prelude::*;
 
-use glam::Vec3;
-
 use crate::gaussians::{
     device_twin::DeviceTwin,
     parameterization::{Parameterization, Viewpoint},
@@ -209,7 +207,8 @@ impl Parameterization for StaticGaussians {
         out: &mut ActivatedGaussians,
     ) {
         activate_from(table, first, out);
-        write_static_features(features, first, table.len(), out);
+        let rows = first..first + table.len();
+        features.write_untimed(self.untimed_lifespan(), rows, &mut out.features);
     }
 
     fn activate_backward(
@@ -230,21 +229,6 @@ impl Parameterization for StaticGaussians {
 
     fn boxed(&self) -> Box<dyn Parameterization> {
         Box::new(*self)
-    }
-}
-
-/// Writes the feature channels of `len` Gaussians from `first` on: zero velocity and infinite lifespan.
-pub(super) fn write_static_features(
-    features: &TemporalFeatures,
-    first: usize,
-    len: usize,
-    out: &mut ActivatedGaussians,
-) {
-    let count = features.count();
-    if count > 0 {
-        for row in out.features[first * count..(first + len) * count].chunks_mut(count) {
-            features.write(Vec3::ZERO, f32::INFINITY, row);
-        }
     }
 }
 

@@ -8,6 +8,8 @@
 mod columns;
 pub(crate) mod gpu;
 
+use std::ops::Range;
+
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -143,6 +145,17 @@ impl TemporalFeatures {
         }
         if let Some(feature) = self.lifespan {
             out[at] = feature.value(lifespan);
+        }
+    }
+
+    /// Writes the channels of Gaussians without times of their own, which have this lifespan in frames and no mean
+    /// velocity, into their rows of `out`.
+    pub(crate) fn write_untimed(&self, lifespan: f32, rows: Range<usize>, out: &mut [f32]) {
+        let count = self.count();
+        if count > 0 {
+            for row in out[rows.start * count..rows.end * count].chunks_mut(count) {
+                self.write(Vec3::ZERO, lifespan, row);
+            }
         }
     }
 

@@ -178,13 +178,8 @@ impl Parameterization for TrackedGaussians {
         out: &mut ActivatedGaussians,
     ) {
         static_gaussians::activate_from(table, first, out);
-        // Whatever moves with a path is dynamic: it lives a moment in the losses of masks.
-        let channels = features.count();
-        for row in out.features[first * channels..(first + table.len()) * channels]
-            .chunks_mut(channels.max(1))
-        {
-            features.write(Vec3::ZERO, 0.0, row);
-        }
+        let rows = first..first + table.len();
+        features.write_untimed(self.untimed_lifespan(), rows, &mut out.features);
         let entries = first..first + table.len();
         let rest = sh_rest_count(out.sh_degree);
         out.sh_rest[entries.start * rest..entries.end * rest].fill([0.0; 3]);

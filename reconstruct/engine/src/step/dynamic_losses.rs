@@ -217,10 +217,6 @@ impl DynamicAlone {
                 let entries = dynamic.into_iter().map(|index| first + index);
                 self.members
                     .extend(entries.filter(|&entry| activated.opacities[entry] > 0.0));
-            } else if part.parameterization.tracked().is_some() {
-                let entries = first..first + part.table.len();
-                self.members
-                    .extend(entries.filter(|&entry| activated.opacities[entry] > 0.0));
             }
             first += part.table.len();
         }

@@ -82,6 +82,8 @@ pub(super) struct DevicePart {
     /// Created when the number of Gaussians changes for the first time.
     pub(super) density: Option<Box<DensityWork>>,
     pub(super) shared: Option<DeviceShared>,
+    /// Feature channels of a Gaussian without its own time.
+    untimed_features: Vec<f32>,
     pub(super) parameterization: Box<dyn DeviceParameterization>,
 }
 
@@ -201,6 +203,9 @@ impl DevicePart {
         let stored = static_gaussians::sh_degree(&part.table);
         let rows = DeviceRows::new(gpu, &table, entries, [of_model.sh_degree, stored])?;
         let features = of_model.dynamics.map(|dynamics| dynamics.features);
+        let features = features.unwrap_or_default();
+        let mut untimed_features = vec![0.0; features.count()];
+        features.write_untimed(host.untimed_lifespan(), 0..1, &mut untimed_features);
         let parameterization = twin.open(&NewDevicePart {
             gpu,
             kernels: of_model.kernels,
@@ -208,7 +213,7 @@ impl DevicePart {
             table: &table,
             rows: &rows,
             entries,
-            features: &features.unwrap_or_default(),
+            features: &features,
             first_alone: of_model.first_alone,
         })?;
         let next_step =
@@ -228,6 +233,7 @@ impl DevicePart {
             rows,
             table,
             shared: shared.transpose()?,
+            untimed_features,
             parameterization,
         })
     }
@@ -345,8 +351,6 @@ pub(super) struct DeviceModel {
     pub(super) opacity_reset: Program,
     /// Inputs of the statistics of each part.
     pub(super) statistics: Vec<StatisticsView>,
-    /// Feature channels of a Gaussian without its own time, which no kernel writes.
-    pub(super) static_features: Vec<f32>,
 }
 
 impl DeviceModel {
@@ -373,16 +377,16 @@ impl DeviceModel {
         for (statistics, part) in self.statistics.iter_mut().zip(&self.parts) {
             statistics.place(gpu, part.entries);
         }
-        self.write_static_features(gpu);
+        self.write_untimed_features(gpu);
     }
 
-    /// Writes the feature channels of Gaussians without their own times.
-    pub(super) fn write_static_features(&self, gpu: &Gpu) {
-        let row = &self.static_features;
+    /// Writes the feature channels of Gaussians without their own times, which no kernel writes.
+    pub(super) fn write_untimed_features(&self, gpu: &Gpu) {
+        let buffer = &self.chain.buffers.activated.features;
         for part in &self.parts {
+            let row = &part.untimed_features;
             if !row.is_empty() && part.parameterization.time().is_none() {
                 let entries = part.entries;
-                let buffer = &self.chain.buffers.activated.features;
                 buffer.write(gpu, entries.first * row.len(), &row.repeat(entries.len));
             }
         }

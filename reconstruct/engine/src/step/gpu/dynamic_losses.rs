@@ -3,7 +3,6 @@
 use crate::{
     camera::Camera,
     device::{DeviceBuffer, Gpu, GpuError, Program},
-    gaussians::temporal::TemporalFeatures,
     losses::{
         maps::gpu::{MapLoss, MapLosses, Maps},
         motion::gpu::Motion,
@@ -74,11 +73,6 @@ impl DynamicKernels {
                 .transpose()?,
             alone: alone.transpose()?,
         })
-    }
-
-    /// Returns the feature channels to render.
-    pub(super) fn features(&self) -> &TemporalFeatures {
-        &self.settings.features
     }
 
     /// Sets a view's losses, true if its gain is removed, and its number of pixels that count, for everything that

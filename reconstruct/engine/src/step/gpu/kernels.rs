@@ -3,8 +3,6 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
-
 use crate::{
     density::gpu::DensityKernels,
     device::{
@@ -258,7 +256,6 @@ impl StepKernels {
             update,
             opacity_reset: self.opacity_resets.record(&gpu, &parts)?,
             statistics,
-            static_features: self.static_features(),
             parts,
             chain,
             canonical,
@@ -268,19 +265,8 @@ impl StepKernels {
             alone,
             backward,
         };
-        model.write_static_features(&gpu);
+        model.write_untimed_features(&gpu);
         Ok(model)
-    }
-
-    /// Returns the feature channels of a Gaussian without its own time.
-    fn static_features(&self) -> Vec<f32> {
-        let Some(dynamic) = &self.dynamic else {
-            return Vec::new();
-        };
-        let features = dynamic.features();
-        let mut row = vec![0.0; features.count()];
-        features.write(Vec3::ZERO, f32::INFINITY, &mut row);
-        row
     }
 
     /// Records the limit of sizes, rendering, and the losses on the image.

@@ -105,6 +105,29 @@ fn seeds_lie_on_the_masked_pixels_at_the_distance_of_what_they_hide() {
 }
 
 #[test]
+fn pixels_that_objects_explain_have_no_seeds() {
+    let scene = scene();
+    let clock = Clock::new(1.0, 0.5, 10.0);
+    let seeds = |explained: &[Vec<bool>]| {
+        let settings = SeedSettings {
+            explained,
+            ..settings(clock, SeedVelocity::None, 100)
+        };
+        mask_seeds(&scene, &settings)
+    };
+    let mask = scene.input_views[0].mask.as_ref().expect("given");
+    let first = mask.iter().position(|&value| value > 0).expect("marked");
+    let mut one = vec![vec![false; mask.len()]];
+    one[0][first] = true;
+    assert_eq!(seeds(&one).gaussians.len() + 1, seeds(&[]).gaussians.len());
+    let all = vec![vec![true; mask.len()]; scene.input_views.len()];
+    assert_eq!(seeds(&all).gaussians.len(), 0);
+    // Views without objects have no entries.
+    let none = vec![Vec::new(); scene.input_views.len()];
+    assert_eq!(seeds(&none), seeds(&[]));
+}
+
+#[test]
 fn a_component_that_walks_has_its_velocity() {
     let mut scene = scene();
     scene.camera = ErpCamera::new(64, 32).into();
