@@ -47,7 +47,9 @@ pub const METHOD: Method = Method {
                   gains of a camera's automatic exposure, let colours depend on the direction, and refine poses \
                   that are off. They take larger steps where the schedule is short, and steps without some of the \
                   Gaussians where few views see most points. They add points of a spherical sweep on bare \
-                  surfaces, seeds on masked pixels, and scene points without time where nothing changes. Below the \
+                  surfaces, seeds on masked pixels, and scene points without time where nothing changes. Vehicles whose \
+                  paths are known exactly (labels of a data set) have Gaussians of their own that move along \
+                  them, on request those with tracks of a detector too. Below the \
                   limit on their number Gaussians with time grow first. Components are left out \
                   where a scene gives no reason for them. On request, in forms that act: \
                   velocity-decomposition and motion-regularization.",

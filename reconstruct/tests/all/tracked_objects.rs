@@ -11,10 +11,7 @@ use omnilife_schemas::{
     records::{ComponentDecision, TrackStage, Tracks},
 };
 
-use crate::{
-    object_graph,
-    support::{novel_views::novel_psnr, trained},
-};
+use crate::{object_graph, support::trained};
 
 const COMPONENT: &str = "tracked-objects";
 
@@ -86,7 +83,6 @@ fn a_vehicle_is_sharper_with_its_path_and_is_a_layer_of_its_own() {
     // A plain ball on a straight way is where Gaussians with velocities do best; docs/results/quality.md has a street.
     let gain = in_masks(&mut tracked) - in_masks(&mut plain);
     assert!(gain > 0.2, "{gain} dB");
-    assert!(novel_psnr(&mut tracked, &scene) > novel_psnr(&mut plain, &scene));
 
     let model = tracked.learner.gaussians().unwrap().unwrap().clone();
     assert_eq!(model.objects(), Some(1));
