@@ -90,7 +90,13 @@ const TRAINING: &[&[&str]] = &[
 ];
 const METHODS: &[&[&str]] = &[
     &["dynamic", "feed_forward", "object_graph", "odgs", "panogs"],
-    &["deformable", "odgs_published", "omni4dgs", "periodic"],
+    &[
+        "deformable",
+        "odgs_published",
+        "omni4dgs",
+        "periodic",
+        "tracked_objects",
+    ],
     &["omni4dgs_plus"],
 ];
 const RECONSTRUCT: &[&[&str]] = &[&["registry"], &["backends", "variant"], &["jobs"]];

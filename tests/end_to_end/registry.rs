@@ -4,6 +4,7 @@
 use std::{fs, iter, path::PathBuf};
 
 use omnilife_reconstruct::{
+    formats::OBJECTS_FILE,
     methods::{self, METHODS, Method, requirement::Requirement},
     models::ModelFormat,
     request::BackendChoice,
@@ -128,8 +129,9 @@ impl Walk {
         let lacks_any = requirements.any(|requirement| refusal_of(requirement).is_some());
         let made = self.left("split");
         assert_eq!(made.len() > 1, lacks_any, "{id}: {made:?}");
-        if self.method.needs(Requirement::Tracks) {
-            // The sample's own track may be of a static object.
+        let has_objects = |model: &ModelFormat| model.files.contains(&OBJECTS_FILE);
+        if self.method.model().is_some_and(has_objects) {
+            // The sample's own track may be of a static object, and methods that can do without have none.
             write_tracked_split(&self.at("split"));
         }
     }

@@ -12,7 +12,8 @@ use assert_cmd::cargo::cargo_bin_cmd;
 use glam::dvec3;
 use image::RgbImage;
 use omnilife_schemas::{
-    records::{ResultRecord, Scene, Track, Tracks, check_file},
+    elapsed::Elapsed,
+    records::{ResultRecord, Scene, Track, TrackStage, Tracks, check_file},
     store,
     trajectory::{BSpline, ObjectPath},
 };
@@ -193,7 +194,12 @@ pub(crate) fn write_tracked_split(folder: &Path) {
         image_size: scene.camera.size().map(|side| side as u32),
         up: [0.0, 0.0, 1.0],
         metres_per_unit: 1.0,
-        stages: Vec::new(),
+        stages: vec![TrackStage {
+            stage: Tracks::DETECTOR_STAGE.to_owned(),
+            method: "exact".to_owned(),
+            reason: "it was made up".to_owned(),
+            took: Elapsed::default(),
+        }],
         detections: Vec::new(),
         tracks: vec![Track {
             id: 1,

@@ -4,6 +4,7 @@
 //! `points.ply`, `masks/` of moving content, `ignore/` of pixels outside the scene, `depth/` of distances, `classes/`
 //! of masks of classes, and `depth-prior/` of depth priors.
 
+mod agreement;
 mod attach;
 pub mod colmap;
 pub(crate) mod colmap_binary;
@@ -199,6 +200,9 @@ pub fn pose_sequence_with(
         if pitch.is_some() && !matches!(posed.source, PoseSource::Registered { .. }) {
             let unused = "--camera-pitch tilts nothing: the camera does not hover, and its poses have their own ground";
             posed.validation.problems.push(unused.to_owned());
+        }
+        if matches!(request, PoseRequest::Given(_)) {
+            agreement::check(sequence_folder, &frame_list, &mut posed)?;
         }
         truth.complete_masks(&mut posed.masks);
         let oddities = truth.notes(&posed.masks, &posed.camera.camera())?;

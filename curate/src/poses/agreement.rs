@@ -1,0 +1,424 @@
+//! Agreement of given poses with panoramas, before anything is trained on them.
+//!
+//! Two neighbouring frames tell how their camera turned and where it went: [`register`] finds both in the images alone.
+//! Poses that were written by another convention than they are read by say something else, always in the same way. So
+//! each pair is compared with the poses as they are, and with those that every other convention would give: inverted,
+//! with other axes of the camera, mirrored.
+
+use std::{fmt, path::Path};
+
+use glam::{DMat3, DQuat, DVec3, Vec3};
+use omnilife_schemas::{
+    Pose, RgbImage,
+    pose::angle_between,
+    records::{FrameEntry, ValidationStatus},
+    statistics::median,
+};
+use rayon::prelude::*;
+
+use super::{PosedSequence, frame_list::FrameList, validate::angle_degrees};
+use crate::{
+    error::CurateError,
+    motion::{GreySphere, grey::even_directions, register},
+};
+
+/// Maximum number of compared pairs, spread over the frames.
+const MOST_PAIRS: usize = 12;
+/// Minimum number of pairs that tell something.
+const LEAST_PAIRS: usize = 4;
+/// Maximum width of the compared images, pixels.
+const WIDTH: usize = 512;
+/// Number of directions in which flow is estimated.
+const DIRECTIONS: usize = 2_000;
+/// Largest turn between two frames that are registered, degrees.
+const LARGEST_TURN_DEGREES: f64 = 40.0;
+/// Turns below this tell nothing of a convention, degrees.
+const LEAST_TURN_DEGREES: f64 = 3.0;
+/// Parallax below this tells no direction of the motion, pixels.
+const LEAST_PARALLAX_PIXELS: f64 = 1.0;
+/// Largest difference of a turn, as a share of it, where poses agree; and least such difference, degrees.
+const TURN_SHARE: f64 = 0.5;
+const TURN_DEGREES: f64 = 2.0;
+/// Largest difference of the direction of the motion where poses agree, degrees.
+const HEADING_DEGREES: f64 = 35.0;
+/// Poses are in doubt where no more than this share of the pairs agrees with them.
+const MOST_AGREEING: f64 = 0.5;
+/// Another convention is named where at least this share agrees with it.
+const LEAST_AGREEING: f64 = 0.75;
+
+/// Motion between two frames by their images, in the axes of the first camera.
+#[derive(Debug, Clone, Copy)]
+struct PairInImages {
+    frames: [usize; 2],
+    /// Maps directions of the first camera to the second.
+    turn: DQuat,
+    /// Unit direction of the motion; `None` if it is not visible.
+    heading: Option<DVec3>,
+}
+
+/// A way in which poses can be meant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Convention {
+    /// World to camera was written, and camera to world is read.
+    is_inverse: bool,
+    /// The axes of the read camera as columns, in those of the meant one: a signed permutation.
+    axes: DMat3,
+    /// Left and right of the images are exchanged.
+    is_mirrored: bool,
+}
+
+impl Convention {
+    const AS_READ: Self = Self {
+        is_inverse: false,
+        axes: DMat3::IDENTITY,
+        is_mirrored: false,
+    };
+
+    /// Returns all conventions, the likeliest first.
+    fn all() -> Vec<Self> {
+        let mut all = Vec::new();
+        for is_mirrored in [false, true] {
+            for is_inverse in [false, true] {
+                all.extend(rotations_of_axes().into_iter().map(|axes| Self {
+                    is_inverse,
+                    axes,
+                    is_mirrored,
+                }));
+            }
+        }
+        all.sort_by_key(Self::changes);
+        all
+    }
+
+    /// Returns the number of mistakes that it takes.
+    fn changes(&self) -> usize {
+        let turned = self.axes != DMat3::IDENTITY;
+        [self.is_inverse, turned, self.is_mirrored]
+            .into_iter()
+            .filter(|&is| is)
+            .count()
+    }
+
+    /// Returns turn and displacement between two poses as an image shows them, in the axes of the first camera.
+    fn motion(&self, poses: [&Pose; 2]) -> Option<(DQuat, DVec3)> {
+        let [first, second] = poses.map(|pose| {
+            let (rotation, centre) = (pose.rotation()?, pose.centre());
+            let meant = if self.is_inverse {
+                let inverse = rotation.inverse();
+                (inverse, -(inverse * centre))
+            } else {
+                (rotation, centre)
+            };
+            Some(meant)
+        });
+        let ((first, from), (second, to)) = (first?, second?);
+        let turn = DMat3::from_quat(second.inverse() * first);
+        let moved = first.inverse() * (to - from);
+        let mirror = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
+        let to_meant = if self.is_mirrored {
+            mirror * self.axes
+        } else {
+            self.axes
+        };
+        // Two mirrors make a rotation.
+        let turn = to_meant * turn * to_meant.transpose();
+        Some((DQuat::from_mat3(&turn).normalize(), to_meant * moved))
+    }
+
+    /// Returns true if a pair's images show what its poses say; `None` where the pair tells nothing.
+    fn agrees(&self, pair: &PairInImages, poses: &[Option<Pose>]) -> Option<bool> {
+        let [first, second] = pair.frames.map(|frame| poses[frame].as_ref());
+        let (turn, moved) = self.motion([first?, second?])?;
+        let seen = angle_between(pair.turn, DQuat::IDENTITY).to_degrees();
+        let off = angle_between(pair.turn, turn).to_degrees();
+        let said = angle_between(turn, DQuat::IDENTITY).to_degrees();
+        let turn_agrees = off < (TURN_SHARE * seen.max(said)).max(TURN_DEGREES);
+        let turns = seen.max(said) >= LEAST_TURN_DEGREES;
+        let heading = pair.heading.filter(|_| moved != DVec3::ZERO);
+        let heading_agrees = heading.map(|heading| angle_degrees(heading, moved) < HEADING_DEGREES);
+        match (turns, heading_agrees) {
+            (false, None) => None,
+            (_, heading) => Some(turn_agrees && heading.unwrap_or(true)),
+        }
+    }
+
+    /// Returns the numbers of pairs that agree and that tell something.
+    fn score(&self, pairs: &[PairInImages], poses: &[Option<Pose>]) -> [usize; 2] {
+        let told = pairs.iter().filter_map(|pair| self.agrees(pair, poses));
+        told.fold([0; 2], |[agree, all], agrees| {
+            [agree + usize::from(agrees), all + 1]
+        })
+    }
+}
+
+impl fmt::Display for Convention {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut words = Vec::new();
+        if self.is_inverse {
+            words
+                .push("inverted (world to camera was written, camera to world is read)".to_owned());
+        }
+        if self.axes != DMat3::IDENTITY {
+            // Row i of the matrix is the meant axis i in the read ones.
+            let rows = self.axes.transpose();
+            let names = [rows.x_axis, rows.y_axis, rows.z_axis].map(signed_axis);
+            words.push(format!("with the camera's axes {}", names.join(" ")));
+        }
+        if self.is_mirrored {
+            words.push("with the images mirrored left to right".to_owned());
+        }
+        f.write_str(&words.join(" and "))
+    }
+}
+
+/// Returns the name of a unit vector along an axis.
+fn signed_axis(axis: DVec3) -> String {
+    let names = [(axis.x, 'x'), (axis.y, 'y'), (axis.z, 'z')];
+    let along = names.into_iter().filter(|(value, _)| *value != 0.0);
+    along
+        .map(|(value, name)| format!("{}{name}", if value < 0.0 { "-" } else { "+" }))
+        .collect()
+}
+
+/// Returns the 24 rotations that exchange axes, that of no exchange first.
+fn rotations_of_axes() -> Vec<DMat3> {
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+    let signed = axes.into_iter().flat_map(|axis| [axis, -axis]);
+    let signed: Vec<DVec3> = signed.collect();
+    let mut all = Vec::new();
+    for &x in &signed {
+        for &y in signed.iter().filter(|y| x.dot(**y) == 0.0) {
+            all.push(DMat3::from_cols(x, y, x.cross(y)));
+        }
+    }
+    // Half a turn about up, a seam elsewhere, and y and z reversed (OpenGL) are the usual ones.
+    let usual = [
+        DMat3::IDENTITY,
+        DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0)),
+        DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
+    ];
+    all.sort_by_key(|axes| {
+        usual
+            .iter()
+            .position(|one| one == axes)
+            .unwrap_or(usual.len())
+    });
+    all
+}
+
+/// Adds what the images say of given poses to their validation; nothing for perspective frames, and where too few pairs
+/// of neighbouring frames can be registered.
+///
+/// # Errors
+/// When a frame cannot be read.
+pub(super) fn check(
+    folder: &Path,
+    frames: &FrameList,
+    posed: &mut PosedSequence,
+) -> Result<(), CurateError> {
+    if frames.is_pinhole {
+        return Ok(());
+    }
+    let (entries, poses) = (&frames.entries, &posed.poses);
+    let validation = &mut posed.validation;
+    let pairs = pairs_in_images(folder, entries, poses)?;
+    let [agree, all] = Convention::AS_READ.score(&pairs, poses);
+    if all < LEAST_PAIRS {
+        return Ok(());
+    }
+    let measures = &mut validation.measures;
+    measures.insert("agreeing_pairs_share".to_owned(), agree as f64 / all as f64);
+    let headings = pairs.iter().filter_map(|pair| {
+        let [first, second] = pair.frames.map(|frame| poses[frame].as_ref());
+        let (_, moved) = Convention::AS_READ.motion([first?, second?])?;
+        Some(angle_degrees(pair.heading?, moved))
+    });
+    if let Some(error) = median(&headings.collect::<Vec<f64>>()).filter(|error| error.is_finite()) {
+        measures.insert("median_heading_error_degrees".to_owned(), error);
+    }
+    if let Some(problem) = disagreement(&pairs, poses) {
+        validation.status = ValidationStatus::Unstable;
+        validation.problems.push(problem);
+    }
+    Ok(())
+}
+
+/// Returns a line on poses that the images contradict.
+fn disagreement(pairs: &[PairInImages], poses: &[Option<Pose>]) -> Option<String> {
+    let share = |[agree, all]: [usize; 2]| agree as f64 / all.max(1) as f64;
+    let as_read = Convention::AS_READ.score(pairs, poses);
+    if share(as_read) > MOST_AGREEING {
+        return None;
+    }
+    let scored: Vec<(Convention, [usize; 2])> = Convention::all()
+        .into_iter()
+        .map(|one| (one, one.score(pairs, poses)))
+        .filter(|(_, score)| score[1] >= LEAST_PAIRS)
+        .collect();
+    // The first of equals takes the fewest mistakes.
+    let best = scored
+        .iter()
+        .rev()
+        .max_by(|(_, a), (_, b)| share(*a).total_cmp(&share(*b)));
+    let [agree, all] = as_read;
+    let finding = format!(
+        "the images contradict the poses: {agree} of {all} pairs of neighbouring frames turn and move as these say"
+    );
+    Some(match best {
+        Some((convention, score)) if share(*score) >= LEAST_AGREEING => {
+            format!("{finding}, and {} of {} {convention}", score[0], score[1])
+        }
+        _ => format!(
+            "{finding}, and no other axes or directions are better: are they in the order of the frames, and of this video?"
+        ),
+    })
+}
+
+/// Measures pairs of neighbouring frames with poses.
+fn pairs_in_images(
+    folder: &Path,
+    entries: &[FrameEntry],
+    poses: &[Option<Pose>],
+) -> Result<Vec<PairInImages>, CurateError> {
+    let posed: Vec<usize> = (0..entries.len().min(poses.len()))
+        .filter(|&frame| poses[frame].is_some())
+        .collect();
+    let neighbours: Vec<[usize; 2]> = posed.array_windows().copied().collect();
+    let count = neighbours.len().min(MOST_PAIRS);
+    let chosen = (0..count).map(|number| neighbours[number * neighbours.len() / count]);
+    let directions: Vec<Vec3> = even_directions(DIRECTIONS).collect();
+    let read = |frame: usize| -> Result<GreySphere, CurateError> {
+        let image = RgbImage::read(&folder.join(&entries[frame].file))?;
+        let width = WIDTH.min(image.width);
+        Ok(GreySphere::new(&image, width))
+    };
+    let measured = chosen.collect::<Vec<_>>().into_par_iter().map(|frames| {
+        let [from, to] = [read(frames[0])?, read(frames[1])?];
+        let found = register(&from, &to, &directions);
+        Ok(found.and_then(|found| {
+            let turn = found.rotation.as_dquat();
+            let parallax = found.motion.parallax_radians / f64::from(from.pixel_radians(0));
+            let heading = found
+                .motion
+                .heading
+                .filter(|_| parallax > LEAST_PARALLAX_PIXELS);
+            let turned = angle_between(turn, DQuat::IDENTITY).to_degrees();
+            (turned < LARGEST_TURN_DEGREES).then_some(PairInImages {
+                frames,
+                turn,
+                heading: heading.map(Vec3::as_dvec3),
+            })
+        }))
+    });
+    let measured: Vec<Option<PairInImages>> = measured.collect::<Result<_, CurateError>>()?;
+    Ok(measured.into_iter().flatten().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns a walk that bends, and what images of it show.
+    fn walk() -> (Vec<Option<Pose>>, Vec<PairInImages>) {
+        let pose = |frame: usize| {
+            let seconds = 0.3 * frame as f64;
+            let turn = DQuat::from_rotation_y(0.25 * seconds.sin())
+                * DQuat::from_rotation_x(0.2 * (1.7 * seconds).cos());
+            let centre = DVec3::new(seconds, 0.1 * (2.0 * seconds).sin(), 0.6 * seconds.cos());
+            Some(Pose::new(turn, centre))
+        };
+        let poses: Vec<Option<Pose>> = (0..13).map(pose).collect();
+        let pairs = (0..12).map(|frame| {
+            let both = [frame, frame + 1].map(|frame| poses[frame].as_ref());
+            let [Some(first), Some(second)] = both else {
+                panic!("a pose")
+            };
+            let motion = Convention::AS_READ.motion([first, second]);
+            let (turn, moved) = motion.expect("unit quaternions");
+            PairInImages {
+                frames: [frame, frame + 1],
+                turn,
+                heading: Some(moved.normalize()),
+            }
+        });
+        let pairs = pairs.collect();
+        (poses, pairs)
+    }
+
+    /// Returns poses as a program of another convention writes them: those that this convention reads back.
+    fn written(convention: Convention, poses: &[Option<Pose>]) -> Vec<Option<Pose>> {
+        let mirror = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
+        let write = |pose: &Pose| {
+            let to_world = DMat3::from_quat(pose.rotation().expect("a rotation"));
+            // A mirrored world has mirrored cameras, so that their product is a rotation again.
+            let (to_world, centre) = if convention.is_mirrored {
+                (mirror * to_world * mirror, mirror * pose.centre())
+            } else {
+                (to_world, pose.centre())
+            };
+            let turned = DQuat::from_mat3(&(to_world * convention.axes)).normalize();
+            if convention.is_inverse {
+                let inverse = turned.inverse();
+                Pose::new(inverse, -(inverse * centre))
+            } else {
+                Pose::new(turned, centre)
+            }
+        };
+        poses.iter().map(|pose| pose.as_ref().map(write)).collect()
+    }
+
+    #[test]
+    fn there_are_24_rotations_of_axes() {
+        let all = rotations_of_axes();
+        assert_eq!(all.len(), 24);
+        assert_eq!(all[0], DMat3::IDENTITY);
+        for (index, one) in all.iter().enumerate() {
+            assert_eq!(one.determinant(), 1.0);
+            assert!(!all[..index].contains(one));
+        }
+    }
+
+    #[test]
+    fn poses_of_every_convention_are_told_by_it() {
+        let (poses, pairs) = walk();
+        assert_eq!(disagreement(&pairs, &poses), None);
+        for convention in Convention::all() {
+            let given = written(convention, &poses);
+            let score = convention.score(&pairs, &given);
+            assert_eq!(score, [12, 12], "{convention}");
+            if convention != Convention::AS_READ {
+                let line = disagreement(&pairs, &given).expect("wrong poses");
+                assert!(line.ends_with(&format!("12 of 12 {convention}")), "{line}");
+            }
+        }
+    }
+
+    #[test]
+    fn poses_of_another_path_are_in_doubt_without_a_name() {
+        let (poses, pairs) = walk();
+        let other = |frame: usize| {
+            let angle = 2.4 * frame as f64;
+            let axis = DVec3::new(angle.sin(), angle.cos(), (0.3 * angle).sin()).normalize();
+            Some(Pose::new(DQuat::from_axis_angle(axis, 0.5), axis))
+        };
+        let others: Vec<Option<Pose>> = (0..poses.len()).map(other).collect();
+        let line = disagreement(&pairs, &others).expect("wrong poses");
+        assert!(line.contains("no other axes"), "{line}");
+    }
+
+    /// Checks that a camera that stands still, and turns by nothing, tells nothing.
+    #[test]
+    fn a_camera_at_rest_tells_nothing() {
+        let (poses, pairs) = walk();
+        let still: Vec<PairInImages> = pairs
+            .iter()
+            .map(|pair| PairInImages {
+                turn: DQuat::IDENTITY,
+                heading: None,
+                ..*pair
+            })
+            .collect();
+        let resting = vec![poses[0]; poses.len()];
+        assert_eq!(Convention::AS_READ.score(&still, &resting), [0, 0]);
+    }
+}
