@@ -30,7 +30,7 @@ use super::{
 use crate::{
     error::CurateError,
     frame_order,
-    poses::{given, lens::Straightening},
+    poses::{agreement, given, lens::Straightening},
 };
 
 /// Input and options of an import.
@@ -240,6 +240,10 @@ fn write(
         Some(own) => own.validation(unchecked),
         None => unchecked,
     };
+    if matches!(camera, Camera::Erp(_)) && source.own.is_none() {
+        let images: Vec<&str> = frames.iter().map(|frame| &*frame.image).collect();
+        agreement::check(out, &images, &poses, &mut validation)?;
+    }
     validation.problems.extend(notes);
     validation.problems.extend(unusual.notes());
     validation.problems.extend(masks.notes());

@@ -39,6 +39,7 @@ use self::reliability::Target;
 use crate::{
     error::CurateError,
     poses::{self, MaskProgram},
+    sequences::with_edited_frames,
 };
 
 /// Folder of the masks of classes, beside the record.
@@ -146,6 +147,9 @@ pub fn write_masks(
         .with_file(&sequence_path)?
         .with_text("method", &described.method)
         .with_text("settings", &described.settings);
+    if !matches!(source, MaskSource::Files(_)) {
+        plan = with_edited_frames(plan, (folder, &sequence), progress)?;
+    }
     if let MaskSource::Program(program) = source {
         plan = plan.with_text("command", program.text());
     }

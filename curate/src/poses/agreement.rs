@@ -11,12 +11,12 @@ use glam::{DMat3, DQuat, DVec3, Vec3};
 use omnilife_schemas::{
     Pose, RgbImage,
     pose::angle_between,
-    records::{FrameEntry, ValidationStatus},
+    records::{PoseValidation, ValidationStatus},
     statistics::median,
 };
 use rayon::prelude::*;
 
-use super::{PosedSequence, frame_list::FrameList, validate::angle_degrees};
+use super::validate::angle_degrees;
 use crate::{
     error::CurateError,
     motion::{GreySphere, grey::even_directions, register},
@@ -206,22 +206,18 @@ fn rotations_of_axes() -> Vec<DMat3> {
     all
 }
 
-/// Adds what the images say of given poses to their validation; nothing for perspective frames, and where too few pairs
-/// of neighbouring frames can be registered.
+/// Adds what panoramas in a folder say of their given poses to the validation of these; nothing where too few pairs of
+/// neighbouring frames can be registered.
 ///
 /// # Errors
 /// When a frame cannot be read.
-pub(super) fn check(
+pub(crate) fn check(
     folder: &Path,
-    frames: &FrameList,
-    posed: &mut PosedSequence,
+    images: &[&str],
+    poses: &[Option<Pose>],
+    validation: &mut PoseValidation,
 ) -> Result<(), CurateError> {
-    if frames.is_pinhole {
-        return Ok(());
-    }
-    let (entries, poses) = (&frames.entries, &posed.poses);
-    let validation = &mut posed.validation;
-    let pairs = pairs_in_images(folder, entries, poses)?;
+    let pairs = pairs_in_images(folder, images, poses)?;
     let [agree, all] = Convention::AS_READ.score(&pairs, poses);
     if all < LEAST_PAIRS {
         return Ok(());
@@ -277,10 +273,10 @@ fn disagreement(pairs: &[PairInImages], poses: &[Option<Pose>]) -> Option<String
 /// Measures pairs of neighbouring frames with poses.
 fn pairs_in_images(
     folder: &Path,
-    entries: &[FrameEntry],
+    images: &[&str],
     poses: &[Option<Pose>],
 ) -> Result<Vec<PairInImages>, CurateError> {
-    let posed: Vec<usize> = (0..entries.len().min(poses.len()))
+    let posed: Vec<usize> = (0..images.len().min(poses.len()))
         .filter(|&frame| poses[frame].is_some())
         .collect();
     let neighbours: Vec<[usize; 2]> = posed.array_windows().copied().collect();
@@ -288,7 +284,7 @@ fn pairs_in_images(
     let chosen = (0..count).map(|number| neighbours[number * neighbours.len() / count]);
     let directions: Vec<Vec3> = even_directions(DIRECTIONS).collect();
     let read = |frame: usize| -> Result<GreySphere, CurateError> {
-        let image = RgbImage::read(&folder.join(&entries[frame].file))?;
+        let image = RgbImage::read(&folder.join(images[frame]))?;
         let width = WIDTH.min(image.width);
         Ok(GreySphere::new(&image, width))
     };

@@ -23,7 +23,7 @@ use omnilife_schemas::{
 };
 
 use super::{
-    GivenTruth, PosedSequence, STAGE, files_named_by,
+    GivenTruth, PosedSequence, STAGE, check_given, files_named_by,
     frame_list::FrameList,
     frame_programs::{FramePrograms, ProgramOutputs, source_of_program},
     given, masks,
@@ -180,7 +180,11 @@ impl Attachment {
         mut files: TruthFiles,
         made: &ProgramOutputs,
     ) -> Result<Self, CurateError> {
-        let posed = poses_of(request, frames, made)?;
+        let mut posed = poses_of(request, frames, made)?;
+        if let Some(posed) = &mut posed {
+            let folder = scene_path.parent().unwrap_or(Path::new("."));
+            check_given(folder, frames, posed)?;
+        }
         let mut notes = Vec::new();
         if let Some((folder, command)) = &made.masks {
             files.set_masks(masks::find(folder, &made.frames.entries)?);

@@ -4,7 +4,7 @@
 //! `points.ply`, `masks/` of moving content, `ignore/` of pixels outside the scene, `depth/` of distances, `classes/`
 //! of masks of classes, and `depth-prior/` of depth priors.
 
-mod agreement;
+pub(crate) mod agreement;
 mod attach;
 pub mod colmap;
 pub(crate) mod colmap_binary;
@@ -51,7 +51,7 @@ use omnilife_schemas::{
     store,
 };
 
-use crate::error::CurateError;
+use crate::{error::CurateError, sequences::with_edited_frames};
 pub use attach::{AttachRequest, attach};
 pub use entered_masks::{MasksEntry, enter_masks};
 use frame_camera::FrameCamera;
@@ -202,7 +202,7 @@ pub fn pose_sequence_with(
             posed.validation.problems.push(unused.to_owned());
         }
         if matches!(request, PoseRequest::Given(_)) {
-            agreement::check(sequence_folder, &frame_list, &mut posed)?;
+            check_given(sequence_folder, &frame_list, &mut posed)?;
         }
         truth.complete_masks(&mut posed.masks);
         let oddities = truth.notes(&posed.masks, &posed.camera.camera())?;
@@ -222,6 +222,22 @@ pub fn pose_sequence_with(
         put_in_place(&plan, out, &staging, &scene)?;
         Ok(scene)
     })
+}
+
+/// Compares given poses of panoramas with the images.
+///
+/// # Errors
+/// When a frame cannot be read.
+fn check_given(
+    folder: &Path,
+    frames: &FrameList,
+    posed: &mut PosedSequence,
+) -> Result<(), CurateError> {
+    if frames.is_pinhole {
+        return Ok(());
+    }
+    let images: Vec<&str> = frames.entries.iter().map(|entry| &*entry.file).collect();
+    agreement::check(folder, &images, &posed.poses, &mut posed.validation)
 }
 
 /// Moves what was staged to its places, and removes what earlier poses left of their own that the
@@ -281,6 +297,7 @@ fn plan(
             .try_fold(plan, |plan, file| Ok(plan.with_file(file)?)),
         PoseRequest::Sfm(settings) => {
             let version = pycolmap_version(sequence_folder, sequence, progress)?;
+            let plan = with_edited_frames(plan, (sequence_folder, sequence), progress)?;
             sfm::add_inputs(plan, settings, &version)
         }
     }

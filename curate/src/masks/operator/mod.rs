@@ -26,7 +26,7 @@ use omnilife_schemas::{
 
 use self::{caps::Cap, evidence::GoesBy, region::Region};
 use super::{deeplab, dynamic_share, reliability, reliability::Target, residual};
-use crate::{error::CurateError, motion::GreySphere};
+use crate::{error::CurateError, motion::GreySphere, sequences::with_edited_frames};
 
 /// Id of the detector in [`reliability`].
 pub const ID: &str = "operator";
@@ -102,6 +102,7 @@ pub fn write_operator(
     let plan = StagePlan::new(folder, ID)
         .with_file(&path)?
         .with_text("settings", &settings(search));
+    let plan = with_edited_frames(plan, (folder, &sequence), progress)?;
     let record = format!("{OPERATOR_FOLDER}/{OPERATOR_FILE}");
     let skipped = format!("{}: operator unchanged, skipped", sequence.id);
     plan.make((&record, &skipped), [&record], progress, |made| {
