@@ -1,16 +1,18 @@
 //! Facts from a run's record that belong beside its scores, for any run.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
 use omnilife_schemas::{
-    layout::{RUN_FILE, SPLIT_FILE, TRACKS_FILE},
+    layout::{RUN_FILE, SCENE_FILE, SCENE_MASKS_FOLDER, SPLIT_FILE, TRACKS_FILE},
     ownership::{NameState, OwnFile},
     plain_text,
     provenance::Hardware,
-    records::{Backend, ExternalRun, PhaseName, RunRecord, StageTime, TrainingKind},
+    records::{
+        Backend, ExternalRun, PhaseName, RunRecord, Scene, SceneFrame, StageTime, TrainingKind,
+    },
     stage::StagePlan,
     store::{self, Record, StoreError},
 };
@@ -90,6 +92,8 @@ pub(crate) struct RunFacts {
     pub(crate) novel_folder: PathBuf,
     /// Its trace with the novel views along it, if it left them.
     pub(crate) trace: Option<Trace>,
+    /// Options that it was given.
+    pub(crate) options: Vec<String>,
     /// Hash of its split, if recorded.
     pub(crate) split_sha256: Option<String>,
     /// Name of the stage that wrote it.
@@ -172,6 +176,26 @@ impl RunFacts {
         Ok(())
     }
 
+    /// Returns the hashes of what the run began with beside images, by name: runs that differ in one of these do not
+    /// compare methods. All masks of moving content have one hash together.
+    pub(crate) fn inputs_beside_images(&self, scene: &Scene) -> BTreeMap<String, String> {
+        let of_frames: BTreeSet<&String> =
+            scene.frames.iter().flat_map(SceneFrame::files).collect();
+        let mut beside = self.inputs.clone();
+        beside.retain(|name, _| {
+            ![SCENE_FILE, SPLIT_FILE].contains(&name.as_str()) && !of_frames.contains(name)
+        });
+        let masks = scene.frames.iter().filter_map(|frame| frame.mask.as_ref());
+        let masks: Vec<&str> = masks
+            .filter_map(|mask| Some(self.inputs.get(mask)?.as_str()))
+            .collect();
+        if !masks.is_empty() {
+            let all = store::sha256_bytes(masks.join("\n").as_bytes());
+            beside.insert(SCENE_MASKS_FOLDER.to_owned(), all);
+        }
+        beside
+    }
+
     /// Adds a warning with the number and the first names of files, if there are any.
     fn warn_of(&mut self, files: &[String], change: &str, consequence: &str) {
         if !files.is_empty() {
@@ -195,6 +219,7 @@ impl RunFacts {
                 .map(|folder| file.with_file_name(folder)),
             novel_folder: file.with_file_name(&run.predictions.novel_views),
             split_sha256: run.inputs.get(SPLIT_FILE).cloned(),
+            options: run.options,
             inputs: run.inputs,
             method: run.variant.unwrap_or(run.method),
             scene: run.scene,
@@ -232,6 +257,7 @@ impl RunFacts {
             trace: None,
             stage: ExternalRun::STAGE,
             split_sha256: run.inputs.get(SPLIT_FILE).cloned(),
+            options: Vec::new(),
             method: run.method,
             scene: run.scene,
             protocol_hash: run.protocol_hash,

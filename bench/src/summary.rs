@@ -74,6 +74,12 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
         ]
         .concat(),
         versions: versions(job),
+        options: (job.run.as_ref())
+            .map(|run| run.options.clone())
+            .unwrap_or_default(),
+        run_inputs: (job.run.as_ref())
+            .map(|run| run.inputs_beside_images(&job.scene))
+            .unwrap_or_default(),
         run_versions: (job.run.as_ref())
             .map(|run| run.versions.clone())
             .unwrap_or_default(),

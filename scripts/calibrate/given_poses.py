@@ -114,7 +114,7 @@ def validation(sequence, scene, poses):
         copy = Path(folder) / "video" / sequence.name
         copy.mkdir(parents=True)
         shutil.copy(sequence / "sequence.json", copy)
-        os.symlink(sequence / "frames", copy / "frames")
+        shutil.copytree(sequence / "frames", copy / "frames")
         frames = [
             {"time_seconds": frame["time_seconds"], "pose": one}
             for frame, one in zip(scene["frames"], poses)

@@ -30,6 +30,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         protocol_hash: bench.split.protocol_hash.clone(),
         seed: 0,
         hardware: None,
+        options: Vec::new(),
         backend: Backend::Cpu { threads: 1 },
         configuration: serde_json::json!({}),
         plan: Vec::new(),

@@ -35,6 +35,55 @@ fn one_scene_under_two_names_is_told() {
     }
 }
 
+/// Seeds by other options or versions are no repetitions; nor do runs on other points compare methods.
+#[test]
+fn seeds_of_other_runs_and_runs_on_other_files_are_told() {
+    let seed = |seed: u64, option: &str, commit: &str| ResultRecord {
+        seed: Some(seed),
+        options: vec![option.to_owned()],
+        run_versions: [("commit".to_owned(), commit.to_owned())].into(),
+        ..result("street", "mine", 25.0, 0.8)
+    };
+    let cases = [
+        (
+            "max-gaussians=9",
+            "aaaa",
+            "with other options",
+            "max-gaussians=5 and max-gaussians=9",
+        ),
+        ("max-gaussians=5", "bbbb", "other versions", "aaaa and bbbb"),
+    ];
+    for (option, commit, kind, words) in cases {
+        let same = tables(vec![
+            seed(0, "max-gaussians=5", "aaaa"),
+            seed(1, "max-gaussians=5", "aaaa"),
+        ]);
+        assert!(!same.markdown.contains(kind), "{}", same.markdown);
+        let other = tables(vec![
+            seed(0, "max-gaussians=5", "aaaa"),
+            seed(1, option, commit),
+        ]);
+        for text in [&other.markdown, &other.short] {
+            assert!(text.contains(kind) && text.contains(words), "{text}");
+        }
+    }
+    let on = |method: &str, points: &str| ResultRecord {
+        run_inputs: [("points.ply".to_owned(), points.to_owned())].into(),
+        ..result("street", method, 25.0, 0.8)
+    };
+    let other_files = "Runs that began with other files";
+    let same = tables(vec![on("mine", "1"), on("odgs", "1")]);
+    assert!(!same.markdown.contains(other_files));
+    let other = tables(vec![on("mine", "1"), on("odgs", "2"), on("pvg", "2")]);
+    for text in [&other.markdown, &other.short] {
+        assert!(text.contains(other_files), "{text}");
+        assert!(
+            text.contains("points.ply (mine against odgs and pvg)"),
+            "{text}"
+        );
+    }
+}
+
 #[test]
 fn one_run_under_several_seeds_is_told() {
     let seed = |seed: u64, sha256: &str| {

@@ -181,6 +181,7 @@ fn begun_record(
         backend: Backend::Cpu {
             threads: rayon::current_num_threads() as u32,
         },
+        options: request.settings.options.lines().collect(),
         configuration: serde_json::Value::Null,
         plan: Vec::new(),
         aids: None,

@@ -83,6 +83,13 @@ pub struct ResultRecord {
     pub primitives: Option<u64>,
     /// Iterations, where known.
     pub iterations: Option<u64>,
+    /// Options of the method that were given, `NAME=VALUE`, where the predictions came with a run record that says.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub options: Vec<String>,
+    /// SHA-256 of what the run began with beside images: points, tracks and masks by their names, where the
+    /// predictions came with a run record that says.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub run_inputs: BTreeMap<String, String>,
     /// Random seed, where the predictions came with a run record. Results of one method on one
     /// scene that differ by it are repetitions.
     pub seed: Option<u64>,
@@ -209,6 +216,8 @@ impl ResultRecord {
             training_seconds: None,
             primitives: None,
             iterations: None,
+            options: Vec::new(),
+            run_inputs: BTreeMap::new(),
             seed: None,
             backend: None,
             hardware: None,

@@ -30,6 +30,9 @@ pub struct RunRecord {
     /// The machine that computed it; records of older versions do not say.
     #[serde(default)]
     pub hardware: Option<Hardware>,
+    /// Values of the method's own options that were given, `NAME=VALUE`; the others have their defaults.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub options: Vec<String>,
     /// Every setting as resolved, defaults included.
     pub configuration: serde_json::Value,
     /// Which components the scene was given, and why.
