@@ -12,7 +12,6 @@ use omnilife_schemas::{
     Pose, RgbImage,
     pose::angle_between,
     records::{PoseValidation, ValidationStatus},
-    statistics::median,
 };
 use rayon::prelude::*;
 
@@ -41,10 +40,19 @@ const TURN_SHARE: f64 = 0.5;
 const TURN_DEGREES: f64 = 2.0;
 /// Largest difference of the direction of the motion where poses agree, degrees.
 const HEADING_DEGREES: f64 = 35.0;
-/// Poses are in doubt where no more than this share of the pairs agrees with them.
+/// Poses are in doubt where no more than this share of the pairs agrees with them, or their turns differ by more than
+/// the second from those of the images, as a share of these.
 const MOST_AGREEING: f64 = 0.5;
-/// Another convention is named where at least this share agrees with it.
+const BAD_TURN_ERROR: f64 = 0.8;
+/// Another convention is named where at least this share agrees with it, and its turns differ by less.
 const LEAST_AGREEING: f64 = 0.75;
+const GOOD_TURN_ERROR: f64 = 0.4;
+/// Turns whose mean is below this are lost in their error, degrees.
+const LEAST_MEAN_TURN_DEGREES: f64 = 0.5;
+/// Poses that agree in no convention are told where so few of so many pairs agree with them: where images are hard to
+/// register, most pairs can be wrong.
+const LOST_SHARE: f64 = 0.1;
+const LEAST_PAIRS_WITHOUT_NAME: usize = 8;
 
 /// Motion between two frames by their images, in the axes of the first camera.
 #[derive(Debug, Clone, Copy)]
@@ -100,7 +108,7 @@ impl Convention {
     }
 
     /// Returns turn and displacement between two poses as an image shows them, in the axes of the first camera.
-    fn motion(&self, poses: [&Pose; 2]) -> Option<(DQuat, DVec3)> {
+    fn motion(self, poses: [&Pose; 2]) -> Option<(DQuat, DVec3)> {
         let [first, second] = poses.map(|pose| {
             let (rotation, centre) = (pose.rotation()?, pose.centre());
             let meant = if self.is_inverse {
@@ -126,7 +134,7 @@ impl Convention {
     }
 
     /// Returns true if a pair's images show what its poses say; `None` where the pair tells nothing.
-    fn agrees(&self, pair: &PairInImages, poses: &[Option<Pose>]) -> Option<bool> {
+    fn agrees(self, pair: &PairInImages, poses: &[Option<Pose>]) -> Option<bool> {
         let [first, second] = pair.frames.map(|frame| poses[frame].as_ref());
         let (turn, moved) = self.motion([first?, second?])?;
         let seen = angle_between(pair.turn, DQuat::IDENTITY).to_degrees();
@@ -142,12 +150,65 @@ impl Convention {
         }
     }
 
-    /// Returns the numbers of pairs that agree and that tell something.
-    fn score(&self, pairs: &[PairInImages], poses: &[Option<Pose>]) -> [usize; 2] {
-        let told = pairs.iter().filter_map(|pair| self.agrees(pair, poses));
-        told.fold([0; 2], |[agree, all], agrees| {
-            [agree + usize::from(agrees), all + 1]
-        })
+    /// Compares the poses, meant this way, with all pairs.
+    fn compare(self, pairs: &[PairInImages], poses: &[Option<Pose>]) -> Comparison {
+        let told: Vec<bool> = (pairs.iter())
+            .filter_map(|pair| self.agrees(pair, poses))
+            .collect();
+        let (mut turned, mut off, mut compared) = (0.0, 0.0, 0);
+        for pair in pairs {
+            let [first, second] = pair.frames.map(|frame| poses[frame].as_ref());
+            let both = first.zip(second);
+            let motion = both.and_then(|(first, second)| self.motion([first, second]));
+            if let Some((turn, _)) = motion {
+                let [seen, said] = [pair.turn, turn].map(DQuat::to_scaled_axis);
+                turned += seen.length();
+                off += (seen - said).length();
+                compared += 1;
+            }
+        }
+        let enough = f64::from(compared) * LEAST_MEAN_TURN_DEGREES.to_radians();
+        Comparison {
+            convention: self,
+            agree: told.iter().filter(|&&agrees| agrees).count(),
+            told: told.len(),
+            turn_error: (compared > 0 && turned > enough).then(|| off / turned),
+        }
+    }
+}
+
+/// Agreement of the images with poses that are meant in one way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Comparison {
+    convention: Convention,
+    /// Number of pairs that agree, of those that tell something.
+    agree: usize,
+    told: usize,
+    /// Sum of the differences of turns, over that of the turns that the images show; `None` where the camera hardly
+    /// turns.
+    turn_error: Option<f64>,
+}
+
+impl Comparison {
+    fn share(&self) -> f64 {
+        self.agree as f64 / self.told.max(1) as f64
+    }
+
+    /// Returns true if most pairs agree, and the turns too.
+    fn holds(&self) -> bool {
+        self.told >= LEAST_PAIRS
+            && self.share() >= LEAST_AGREEING
+            && self.turn_error.is_none_or(|error| error < GOOD_TURN_ERROR)
+    }
+
+    /// Returns true if few pairs agree, or the turns do not.
+    fn is_in_doubt(&self) -> bool {
+        self.share() <= MOST_AGREEING || self.turn_error.is_some_and(|error| error > BAD_TURN_ERROR)
+    }
+
+    /// Returns a number that is smaller for better agreement.
+    fn disagreement(&self) -> f64 {
+        1.0 - self.share() + self.turn_error.unwrap_or(0.0)
     }
 }
 
@@ -218,21 +279,16 @@ pub(crate) fn check(
     validation: &mut PoseValidation,
 ) -> Result<(), CurateError> {
     let pairs = pairs_in_images(folder, images, poses)?;
-    let [agree, all] = Convention::AS_READ.score(&pairs, poses);
-    if all < LEAST_PAIRS {
+    let as_read = Convention::AS_READ.compare(&pairs, poses);
+    if as_read.told < LEAST_PAIRS {
         return Ok(());
     }
     let measures = &mut validation.measures;
-    measures.insert("agreeing_pairs_share".to_owned(), agree as f64 / all as f64);
-    let headings = pairs.iter().filter_map(|pair| {
-        let [first, second] = pair.frames.map(|frame| poses[frame].as_ref());
-        let (_, moved) = Convention::AS_READ.motion([first?, second?])?;
-        Some(angle_degrees(pair.heading?, moved))
-    });
-    if let Some(error) = median(&headings.collect::<Vec<f64>>()).filter(|error| error.is_finite()) {
-        measures.insert("median_heading_error_degrees".to_owned(), error);
+    measures.insert("agreeing_pairs_share".to_owned(), as_read.share());
+    if let Some(error) = as_read.turn_error {
+        measures.insert("turn_error_share".to_owned(), error);
     }
-    if let Some(problem) = disagreement(&pairs, poses) {
+    if let Some(problem) = disagreement(&as_read, &pairs, poses) {
         validation.status = ValidationStatus::Unstable;
         validation.problems.push(problem);
     }
@@ -240,34 +296,41 @@ pub(crate) fn check(
 }
 
 /// Returns a line on poses that the images contradict.
-fn disagreement(pairs: &[PairInImages], poses: &[Option<Pose>]) -> Option<String> {
-    let share = |[agree, all]: [usize; 2]| agree as f64 / all.max(1) as f64;
-    let as_read = Convention::AS_READ.score(pairs, poses);
-    if share(as_read) > MOST_AGREEING {
+fn disagreement(
+    as_read: &Comparison,
+    pairs: &[PairInImages],
+    poses: &[Option<Pose>],
+) -> Option<String> {
+    if !as_read.is_in_doubt() {
         return None;
     }
-    let scored: Vec<(Convention, [usize; 2])> = Convention::all()
-        .into_iter()
-        .map(|one| (one, one.score(pairs, poses)))
-        .filter(|(_, score)| score[1] >= LEAST_PAIRS)
-        .collect();
+    let others = Convention::all().into_iter();
+    let others = others.map(|convention| convention.compare(pairs, poses));
     // The first of equals takes the fewest mistakes.
-    let best = scored
-        .iter()
-        .rev()
-        .max_by(|(_, a), (_, b)| share(*a).total_cmp(&share(*b)));
-    let [agree, all] = as_read;
+    let best = others
+        .filter(Comparison::holds)
+        .min_by(|a, b| a.disagreement().total_cmp(&b.disagreement()));
+    let turns = match as_read.turn_error {
+        Some(error) => format!(", and their turns are off by {:.0} %", 100.0 * error),
+        None => String::new(),
+    };
     let finding = format!(
-        "the images contradict the poses: {agree} of {all} pairs of neighbouring frames turn and move as these say"
+        "the images contradict the poses: {} of {} pairs of neighbouring frames turn and move as these say{turns}",
+        as_read.agree, as_read.told
     );
-    Some(match best {
-        Some((convention, score)) if share(*score) >= LEAST_AGREEING => {
-            format!("{finding}, and {} of {} {convention}", score[0], score[1])
+    match best {
+        Some(best) => Some(format!(
+            "{finding}; {} of {} do with the poses {}",
+            best.agree, best.told, best.convention
+        )),
+        None if as_read.told >= LEAST_PAIRS_WITHOUT_NAME && as_read.share() <= LOST_SHARE => {
+            Some(format!(
+                "{finding}; with no other axes or directions they do: are the poses in the order of the frames, and of \
+                 this video?"
+            ))
         }
-        _ => format!(
-            "{finding}, and no other axes or directions are better: are they in the order of the frames, and of this video?"
-        ),
-    })
+        None => None,
+    }
 }
 
 /// Measures pairs of neighbouring frames with poses.
@@ -377,14 +440,18 @@ mod tests {
     #[test]
     fn poses_of_every_convention_are_told_by_it() {
         let (poses, pairs) = walk();
-        assert_eq!(disagreement(&pairs, &poses), None);
+        let line = |poses: &[Option<Pose>]| {
+            disagreement(&Convention::AS_READ.compare(&pairs, poses), &pairs, poses)
+        };
+        assert_eq!(line(&poses), None);
         for convention in Convention::all() {
             let given = written(convention, &poses);
-            let score = convention.score(&pairs, &given);
-            assert_eq!(score, [12, 12], "{convention}");
+            let found = convention.compare(&pairs, &given);
+            assert!(found.holds() && found.agree == 12, "{found:?}");
+            assert!(found.turn_error < Some(1e-6), "{found:?}");
             if convention != Convention::AS_READ {
-                let line = disagreement(&pairs, &given).expect("wrong poses");
-                assert!(line.ends_with(&format!("12 of 12 {convention}")), "{line}");
+                let line = line(&given).expect("wrong poses");
+                assert!(line.ends_with(&format!(" {convention}")), "{line}");
             }
         }
     }
@@ -398,7 +465,8 @@ mod tests {
             Some(Pose::new(DQuat::from_axis_angle(axis, 0.5), axis))
         };
         let others: Vec<Option<Pose>> = (0..poses.len()).map(other).collect();
-        let line = disagreement(&pairs, &others).expect("wrong poses");
+        let as_read = Convention::AS_READ.compare(&pairs, &others);
+        let line = disagreement(&as_read, &pairs, &others).expect("wrong poses");
         assert!(line.contains("no other axes"), "{line}");
     }
 
@@ -415,6 +483,7 @@ mod tests {
             })
             .collect();
         let resting = vec![poses[0]; poses.len()];
-        assert_eq!(Convention::AS_READ.score(&still, &resting), [0, 0]);
+        let found = Convention::AS_READ.compare(&still, &resting);
+        assert_eq!((found.told, found.turn_error), (0, None));
     }
 }
