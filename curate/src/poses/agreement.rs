@@ -23,6 +23,8 @@ use crate::{
 
 /// Maximum number of compared pairs, spread over the frames.
 const MOST_PAIRS: usize = 12;
+/// Frames from the first to the second of a pair, until the motion shows.
+const STEPS: [usize; 4] = [1, 2, 4, 8];
 /// Minimum number of pairs that tell something.
 const LEAST_PAIRS: usize = 4;
 /// Maximum width of the compared images, pixels.
@@ -315,7 +317,7 @@ fn disagreement(
         None => String::new(),
     };
     let finding = format!(
-        "the images contradict the poses: {} of {} pairs of neighbouring frames turn and move as these say{turns}",
+        "the images contradict the poses: {} of {} pairs of frames turn and move as these say{turns}",
         as_read.agree, as_read.told
     );
     match best {
@@ -333,7 +335,7 @@ fn disagreement(
     }
 }
 
-/// Measures pairs of neighbouring frames with poses.
+/// Measures pairs of frames with poses, spread over them.
 fn pairs_in_images(
     folder: &Path,
     images: &[&str],
@@ -342,35 +344,57 @@ fn pairs_in_images(
     let posed: Vec<usize> = (0..images.len().min(poses.len()))
         .filter(|&frame| poses[frame].is_some())
         .collect();
-    let neighbours: Vec<[usize; 2]> = posed.array_windows().copied().collect();
-    let count = neighbours.len().min(MOST_PAIRS);
-    let chosen = (0..count).map(|number| neighbours[number * neighbours.len() / count]);
+    let count = posed.len().saturating_sub(1).min(MOST_PAIRS);
+    let begins: Vec<usize> = (0..count)
+        .map(|number| number * (posed.len() - 1) / count)
+        .collect();
     let directions: Vec<Vec3> = even_directions(DIRECTIONS).collect();
     let read = |frame: usize| -> Result<GreySphere, CurateError> {
         let image = RgbImage::read(&folder.join(images[frame]))?;
         let width = WIDTH.min(image.width);
         Ok(GreySphere::new(&image, width))
     };
-    let measured = chosen.collect::<Vec<_>>().into_par_iter().map(|frames| {
-        let [from, to] = [read(frames[0])?, read(frames[1])?];
-        let found = register(&from, &to, &directions);
-        Ok(found.and_then(|found| {
-            let turn = found.rotation.as_dquat();
-            let parallax = found.motion.parallax_radians / f64::from(from.pixel_radians(0));
-            let heading = found
-                .motion
-                .heading
-                .filter(|_| parallax > LEAST_PARALLAX_PIXELS);
-            let turned = angle_between(turn, DQuat::IDENTITY).to_degrees();
-            (turned < LARGEST_TURN_DEGREES).then_some(PairInImages {
-                frames,
-                turn,
-                heading: heading.map(Vec3::as_dvec3),
-            })
-        }))
+    // A slow camera shows its way over some frames; a fast one is lost after one.
+    let measured = begins.into_par_iter().map(|begin| {
+        let from = read(posed[begin])?;
+        let mut found = None;
+        for step in STEPS {
+            let Some(&end) = posed.get(begin + step) else {
+                break;
+            };
+            match pair_in_images((posed[begin], &from), (end, &read(end)?), &directions) {
+                None => break,
+                Some(pair) => found = Some(pair),
+            }
+            if found.is_some_and(|pair: PairInImages| pair.heading.is_some()) {
+                break;
+            }
+        }
+        Ok(found)
     });
     let measured: Vec<Option<PairInImages>> = measured.collect::<Result<_, CurateError>>()?;
     Ok(measured.into_iter().flatten().collect())
+}
+
+/// Registers two frames; `None` where that fails.
+fn pair_in_images(
+    (first, from): (usize, &GreySphere),
+    (second, to): (usize, &GreySphere),
+    directions: &[Vec3],
+) -> Option<PairInImages> {
+    let found = register(from, to, directions)?;
+    let turn = found.rotation.as_dquat();
+    let parallax = found.motion.parallax_radians / f64::from(from.pixel_radians(0));
+    let heading = found
+        .motion
+        .heading
+        .filter(|_| parallax > LEAST_PARALLAX_PIXELS);
+    let turned = angle_between(turn, DQuat::IDENTITY).to_degrees();
+    (turned < LARGEST_TURN_DEGREES).then_some(PairInImages {
+        frames: [first, second],
+        turn,
+        heading: heading.map(Vec3::as_dvec3),
+    })
 }
 
 #[cfg(test)]
