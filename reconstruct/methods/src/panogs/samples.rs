@@ -255,14 +255,21 @@ fn agreed(
         .iter()
         .copied()
         .fold(0.0, |most: f64, log| most.max(log.exp_m1().abs()));
-    let reason = format!(
-        "views differ by {:.2} % where they see one surface (limit {:.1} %), by {:.2} % with factors of up \
-         to {:.2} %",
-        100.0 * fit.disagreement_before,
-        100.0 * LEAST_DISAGREEMENT,
-        100.0 * fit.disagreement_after,
-        100.0 * largest
-    );
+    let reason = if fit.is_measured {
+        format!(
+            "views differ by {:.2} % where they see one surface (limit {:.1} %), by {:.2} % with factors of up \
+             to {:.2} %",
+            100.0 * fit.disagreement_before,
+            100.0 * LEAST_DISAGREEMENT,
+            100.0 * fit.disagreement_after,
+            100.0 * largest
+        )
+    } else {
+        "no two views agree on a surface, so that their difference is not known".to_owned()
+    };
+    if !fit.is_measured && views.len() > 1 {
+        warnings.push(reason.clone());
+    }
     let alone = (views.len() < 2).then_some("a second view");
     let decision = Decision::new(differ(fit.disagreement_before), reason).unless(alone);
     if fit.groups.len() > 1 {

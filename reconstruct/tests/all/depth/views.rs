@@ -7,6 +7,7 @@ use omnilife_engine::losses::scaffold::{Scaffold, fuse::FusedView};
 use omnilife_reconstruct::seeds::depth::{
     DistanceView, LiftSettings, SurfaceSamples, agreement, checks, fit_scales, incidence, lift,
     tolerance,
+    units::{Reading, other_unit},
 };
 use omnilife_schemas::{
     camera::{CameraModel, ErpCamera},
@@ -275,6 +276,52 @@ fn the_order_of_the_views_changes_no_bit_and_the_loss_has_the_gradient_that_diff
         (value - expected).abs() < 1e-9 * (1.0 + expected),
         "{value} {expected}"
     );
+}
+
+#[test]
+fn a_unit_other_than_that_of_the_poses_and_disparities_are_named() {
+    let found = |change: &dyn Fn(&mut RoomView)| {
+        let mut views = views(5, 256);
+        views.iter_mut().for_each(change);
+        other_unit(&distance_views(&views))
+    };
+    assert_eq!(found(&|_| ()), None);
+    for factor in [0.001, 0.42, 3.0, 100.0] {
+        let other = found(&|view| scale(view, factor)).unwrap();
+        let Reading::Times(back) = other.reading else {
+            panic!("{other:?}")
+        };
+        assert!((back * factor - 1.0).abs() < 0.03, "{other:?}");
+        assert!(other.otherwise < 0.2 && other.as_given > 0.5, "{other:?}");
+    }
+    for numerator in [1.0, 20.0] {
+        let invert = |view: &mut RoomView| {
+            let values = view.distances.values.iter_mut();
+            values.for_each(|value| *value = numerator / *value);
+        };
+        let other = found(&invert).unwrap();
+        let Reading::Over(over) = other.reading else {
+            panic!("{other:?}")
+        };
+        assert!(
+            (over / f64::from(numerator) - 1.0).abs() < 0.03,
+            "{other:?}"
+        );
+    }
+    // Errors of single views, and numbers that are no distances, have no common factor.
+    let mut errors = views(5, 256);
+    for (view, factor) in errors.iter_mut().zip([0.5, 1.4, 0.8, 2.5, 1.0]) {
+        scale(view, factor);
+    }
+    assert_eq!(other_unit(&distance_views(&errors)), None);
+    let noise = |view: &mut RoomView| {
+        let mut random = Pcg64Mcg::seed_from_u64(view.pixels[0].into());
+        for value in &mut view.distances.values {
+            let normal: f64 = StandardNormal.sample(&mut random);
+            *value = normal.exp() as f32;
+        }
+    };
+    assert_eq!(found(&noise), None);
 }
 
 #[test]

@@ -7,6 +7,7 @@ use omnilife_schemas::{
 use super::{
     lift::DistanceView,
     pairs::{ScaledViews, Sighting},
+    units::{Reading, other_unit},
 };
 use crate::{error::ReconstructError, scene::TrainingScene};
 
@@ -30,7 +31,7 @@ pub fn differ(disagreement: f64) -> bool {
     disagreement > LEAST_DISAGREEMENT
 }
 
-/// Refuses distances of a mirrored world, or of another convention than their record's: `views` are those of the
+/// Refuses distances of a mirrored world, in another unit than the poses, or of another convention than their record's: `views` are those of the
 /// scene that have some.
 ///
 /// # Errors
@@ -44,6 +45,19 @@ pub fn require_meaning(
             reason: format!("{}: {reason}", scene.id),
         })
     };
+    if let Some(found) = other_unit(views) {
+        let remedy = match found.reading {
+            Reading::Times(factor) => format!("multiply --depth-prior-unit by {factor:.3}"),
+            Reading::Over(_) => "give distances, not their inverse".to_owned(),
+        };
+        return refuse(format!(
+            "its distances do not fit its poses: views disagree at {:.0} % of the places that they share, and at {:.0} \
+             % with the distances {} ({remedy})",
+            100.0 * found.as_given,
+            100.0 * found.otherwise,
+            found.reading
+        ));
+    }
     let prior = scene.depth_priors.iter().flatten().next();
     if let Some(prior) = prior {
         let (said, other) = match prior.prior.convention {

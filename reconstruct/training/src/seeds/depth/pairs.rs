@@ -82,9 +82,18 @@ impl ScaledViews<'_> {
             .flat_map(|first| (0..count).map(move |second| [first, second]))
             .filter(|[first, second]| first != second)
             .collect();
+        self.of_some(&pairs, of)
+    }
+
+    /// Returns the results of `of` for each of some ordered pairs of views.
+    pub(super) fn of_some<T: Send>(
+        &self,
+        pairs: &[[usize; 2]],
+        of: impl Fn(usize, usize, Vec<Sighting>) -> T + Sync,
+    ) -> Vec<T> {
         pairs
-            .into_par_iter()
-            .map(|[first, second]| of(first, second, self.sightings(first, second)))
+            .par_iter()
+            .map(|&[first, second]| of(first, second, self.sightings(first, second)))
             .collect()
     }
 }

@@ -33,6 +33,8 @@ pub struct ScaleFit {
     pub disagreement_before: f64,
     /// Median of the relative differences with the factors.
     pub disagreement_after: f64,
+    /// True if any two views share enough places for a comparison.
+    pub is_measured: bool,
     /// Views that share enough places, directly or through others.
     pub groups: Vec<Vec<usize>>,
 }
@@ -52,6 +54,7 @@ pub fn fit_scales(views: &[DistanceView<'_>]) -> ScaleFit {
     let mut equations = equations(views, &log_scales);
     let disagreement_before = disagreement(&equations);
     let groups = groups(views.len(), &equations);
+    let is_measured = !equations.is_empty();
     for _ in 0..ROUNDS {
         // Undetermined factors stay; the disagreement measures their fit.
         let Some(step) = solved(views.len(), &equations, &groups) else {
@@ -66,6 +69,7 @@ pub fn fit_scales(views: &[DistanceView<'_>]) -> ScaleFit {
         log_scales,
         disagreement_before,
         disagreement_after: disagreement(&equations),
+        is_measured,
         groups,
     }
 }
