@@ -287,12 +287,13 @@ fn a_unit_other_than_that_of_the_poses_and_disparities_are_named() {
     };
     assert_eq!(found(&|_| ()), None);
     for factor in [0.001, 0.42, 3.0, 100.0] {
-        let other = found(&|view| scale(view, factor)).unwrap();
+        let other = found(&|view| scale(view, factor));
+        let other = other.unwrap_or_else(|| panic!("{factor}"));
         let Reading::Times(back) = other.reading else {
             panic!("{other:?}")
         };
         assert!((back * factor - 1.0).abs() < 0.03, "{other:?}");
-        assert!(other.otherwise < 0.2 && other.as_given > 0.5, "{other:?}");
+        assert!(3.0 * other.otherwise < other.as_given, "{other:?}");
     }
     for numerator in [1.0, 20.0] {
         let invert = |view: &mut RoomView| {

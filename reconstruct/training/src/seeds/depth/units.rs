@@ -20,7 +20,7 @@ const LEAST_PLACES: usize = 500;
 /// Maximum number of compared pairs.
 const MOST_PAIRS: usize = 12;
 /// Distances in doubt are those on which views disagree at more than this share of the places.
-const DOUBTFUL_SHARE: f64 = 0.5;
+const DOUBTFUL_SHARE: f64 = 0.15;
 /// Another reading is named where views disagree at less than this share of the places, and at less than the second
 /// times the share without it.
 const AGREEING_SHARE: f64 = 0.25;
@@ -29,6 +29,8 @@ const BETTER_SHARE: f64 = 0.4;
 const LARGEST_LOG: f64 = 7.0;
 const LOG_STEP: f64 = 0.1;
 const FINE_STEP: f64 = 0.01;
+/// Logarithm of the factor to a world so large that views hardly move in it.
+const MUCH_LARGER_LOG: f64 = 3.0;
 
 /// A way to read numbers as distances.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -124,7 +126,7 @@ fn share_apart(log_ratios: &[f64]) -> Option<f64> {
 }
 
 /// Returns the logarithm of the factor with which views agree best, and the share of places at which they disagree then.
-/// `None` where a world without end is hardly worse: then nothing tells its size.
+/// `None` where a much larger world is hardly worse: then nothing tells its size.
 fn best_factor(views: &[DistanceView<'_>], pairs: &[[usize; 2]]) -> Option<(f64, f64)> {
     let steps = (2.0 * LARGEST_LOG / LOG_STEP) as usize;
     let tested: Vec<(f64, f64)> = (0..=steps)
@@ -132,7 +134,7 @@ fn best_factor(views: &[DistanceView<'_>], pairs: &[[usize; 2]]) -> Option<(f64,
         .filter_map(|log| Some((log, share_apart(&log_ratios(views, pairs, log))?)))
         .collect();
     let &(coarse, share) = tested.iter().min_by(|(_, a), (_, b)| a.total_cmp(b))?;
-    let &(_, endless) = tested.last()?;
+    let endless = share_apart(&log_ratios(views, pairs, coarse + MUCH_LARGER_LOG))?;
     if share > BETTER_SHARE * endless {
         return None;
     }
