@@ -454,6 +454,26 @@ mod tests {
         poses.iter().map(|pose| pose.as_ref().map(write)).collect()
     }
 
+    /// Checks the motion of two poses by places that both cameras see.
+    #[test]
+    fn motion_is_that_of_what_cameras_see() {
+        let (poses, _) = walk();
+        let [Some(first), Some(second)] = [poses[3], poses[9]] else {
+            panic!("poses")
+        };
+        let seen = |pose: &Pose, place: DVec3| {
+            let to_world = DMat3::from_quat(pose.rotation().expect("a rotation"));
+            to_world.transpose() * (place - pose.centre())
+        };
+        let motion = Convention::AS_READ.motion([&first, &second]);
+        let (turn, moved) = motion.expect("unit quaternions");
+        for place in [DVec3::new(3.0, 1.0, -2.0), DVec3::new(-0.4, 2.0, 5.0)] {
+            let expected = turn * (seen(&first, place) - moved);
+            assert!((expected - seen(&second, place)).length() < 1e-12);
+        }
+        assert!((moved - seen(&first, second.centre())).length() < 1e-12);
+    }
+
     #[test]
     fn there_are_24_rotations_of_axes() {
         let all = rotations_of_axes();

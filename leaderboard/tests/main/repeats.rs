@@ -41,7 +41,7 @@ fn seeds_of_other_runs_and_runs_on_other_files_are_told() {
     let seed = |seed: u64, option: &str, commit: &str| ResultRecord {
         seed: Some(seed),
         options: vec![option.to_owned()],
-        run_versions: [("commit".to_owned(), commit.to_owned())].into(),
+        run_versions: [("omnilife commit".to_owned(), commit.to_owned())].into(),
         ..result("street", "mine", 25.0, 0.8)
     };
     let cases = [

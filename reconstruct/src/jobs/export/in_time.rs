@@ -28,10 +28,9 @@ use super::{
 use omnilife_training::{
     error::ReconstructError,
     formats::{
-        exchange,
+        self, exchange,
         in_time::{self, WrittenInTime},
         splat::Placement,
-        validity,
     },
 };
 
@@ -121,7 +120,7 @@ pub(super) fn export(
         }
         TimeExport::Sequence => Content::Sequence(moments(request, &model)?),
     };
-    for note in validity::notes(&request.gaussians, &invalid) {
+    for note in formats::notes_on(&request.gaussians, &invalid) {
         progress.note(&note);
     }
     let stage = StagePlan::new(&request.out, "export").with_text("source", &source.sha256);

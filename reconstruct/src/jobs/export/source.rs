@@ -24,7 +24,7 @@ use super::{
 use crate::registry;
 use omnilife_training::{
     error::ReconstructError,
-    formats::{exchange::SplatFormat, validity},
+    formats::{self, exchange::SplatFormat},
     models::gaussians::Source,
 };
 
@@ -73,7 +73,7 @@ impl ExportedScene {
         if let Some(kept) = &drawable.whole {
             format.ranges.count(kept, &mut drawable.changes);
         }
-        for note in validity::notes(&request.gaussians, &invalid) {
+        for note in formats::notes_on(&request.gaussians, &invalid) {
             progress.note(&note);
         }
         if drawable.len() == 0 {

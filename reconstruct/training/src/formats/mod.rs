@@ -20,7 +20,7 @@ pub mod splat;
 mod spz;
 pub mod validity;
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use omnilife_engine::{
     gaussians::{deformable::Deformable, static_gaussians::StaticGaussians},
@@ -53,6 +53,27 @@ pub const GAUSSIAN_FILES: &[&str] = &[
     DEFORMATION_FILE,
     REFINED_POSES_FILE,
 ];
+
+/// Returns notes on invalid values of a model's file or folder, and on parts of the same model beside a file, which are
+/// not drawn with it.
+pub fn notes_on(path: &Path, invalid: &InvalidGaussians) -> Vec<String> {
+    let mut notes = validity::notes(path, invalid);
+    let parts = FORMATS.iter().flat_map(|format| format.files);
+    let parts: BTreeSet<&str> = parts.copied().collect();
+    let own = path.file_name().and_then(|name| name.to_str());
+    if let Some(own) = own.filter(|own| path.is_file() && parts.contains(own)) {
+        let mut others: Vec<String> = parts.into_iter().map(str::to_owned).collect();
+        others.retain(|name| name != own && path.with_file_name(name).is_file());
+        if !others.is_empty() {
+            notes.push(format!(
+                "{}: is taken alone, without {} beside it; the run's folder has the whole model",
+                path.display(),
+                others.join(" and ")
+            ));
+        }
+    }
+    notes
+}
 
 /// Files of the parts of one parameterization.
 struct Format {

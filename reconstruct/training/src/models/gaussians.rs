@@ -33,7 +33,6 @@ use crate::{
     error::ReconstructError,
     formats::{
         self, GAUSSIAN_FILES, OBJECTS_FILE, axes::FileAxes, exchange, in_time, splat::Placement,
-        validity,
     },
     models::{Export, MapScale, ModelFormat, OpenRequest, OpenedModel},
 };
@@ -90,7 +89,7 @@ impl OpenedGaussians {
         }
         let mut invalid = InvalidGaussians::default();
         let model = source.model(&mut invalid)?;
-        for note in validity::notes(path, &invalid) {
+        for note in formats::notes_on(path, &invalid) {
             request.progress.note(&note);
         }
         let layers = LayerRenderer::new(model, source.settings);
