@@ -27,10 +27,10 @@ const MOST_PAIRS: usize = 12;
 const STEPS: [usize; 4] = [1, 2, 4, 8];
 /// Minimum number of pairs that tell something.
 const LEAST_PAIRS: usize = 4;
-/// Maximum width of the compared images, pixels.
-const WIDTH: usize = 512;
+/// Width of the compared images, pixels; narrower ones show too little.
+const WIDTH: usize = 256;
 /// Number of directions in which flow is estimated.
-const DIRECTIONS: usize = 2_000;
+const DIRECTIONS: usize = 1_000;
 /// Largest turn between two frames that are registered, degrees.
 const LARGEST_TURN_DEGREES: f64 = 40.0;
 /// Turns below this tell nothing of a convention, degrees.
@@ -353,20 +353,24 @@ fn pairs_in_images(
         .map(|number| number * (posed.len() - 1) / count)
         .collect();
     let directions: Vec<Vec3> = even_directions(DIRECTIONS).collect();
-    let read = |frame: usize| -> Result<GreySphere, CurateError> {
+    let read = |frame: usize| -> Result<Option<GreySphere>, CurateError> {
         let image = RgbImage::read(&folder.join(images[frame]))?;
-        let width = WIDTH.min(image.width);
-        Ok(GreySphere::new(&image, width))
+        Ok((image.width >= WIDTH).then(|| GreySphere::new(&image, WIDTH)))
     };
     // A slow camera shows its way over some frames; a fast one is lost after one.
     let measured = begins.into_par_iter().map(|begin| {
-        let from = read(posed[begin])?;
+        let Some(from) = read(posed[begin])? else {
+            return Ok(None);
+        };
         let mut found = None;
         for step in STEPS {
             let Some(&end) = posed.get(begin + step) else {
                 break;
             };
-            match pair_in_images((posed[begin], &from), (end, &read(end)?), &directions) {
+            let Some(to) = read(end)? else {
+                break;
+            };
+            match pair_in_images((posed[begin], &from), (end, &to), &directions) {
                 None => break,
                 Some(pair) => found = Some(pair),
             }
