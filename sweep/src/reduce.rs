@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use omnilife_schemas::progress::Progress;
+use omnilife_schemas::{plain_text, progress::Progress};
 
 use crate::{
     error::SweepError,
@@ -50,6 +50,20 @@ pub fn reduce(
             1 => first.clone(),
             _ => format!("{first} (the first of {units} units that failed for this reason)"),
         });
+    }
+    let stale: Vec<String> = (status.units())
+        .filter(|(unit, state)| {
+            let has_changed = matches!(state, UnitState::Missing { reason: Some(_) });
+            has_changed && status.sweep.outputs(unit).is_ok()
+        })
+        .map(|(unit, state)| format!("{}: {}", unit.id, status::reason(state)))
+        .collect();
+    if !stale.is_empty() {
+        progress.note(&format!(
+            "results of units that have to be done again are reduced as they are: {} ({})",
+            stale.len(),
+            plain_text::first_of(&stale)
+        ));
     }
     for command in &status.sweep.plan.reduce {
         progress.note(&format!("reducing: {}", command.join(" ")));

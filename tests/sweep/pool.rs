@@ -363,8 +363,16 @@ fn changed_inputs_and_lost_outputs_make_a_unit_missing() {
         "{}",
         rows[0][2]
     );
+    let reduced = shell.run("reduce", &[]);
+    let told = String::from_utf8_lossy(&reduced.stderr).into_owned();
+    assert!(
+        told.contains("have to be done again") && told.contains("line-00001"),
+        "{told}"
+    );
     succeeded(shell.run("run", &[]));
     assert_eq!(fs::read_to_string(shell.path("output")).unwrap(), "two");
+    let reduced = shell.run("reduce", &[]);
+    assert!(!String::from_utf8_lossy(&reduced.stderr).contains("done again"));
 }
 
 /// Returns wall-clock and CPU seconds of a command and its children. CPU time is read from the shell, which prints
