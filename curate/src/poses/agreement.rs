@@ -22,9 +22,9 @@ use crate::{
 };
 
 /// Maximum number of compared pairs, spread over the frames.
-const MOST_PAIRS: usize = 12;
-/// Frames from the first to the second of a pair, until the motion shows.
-const STEPS: [usize; 4] = [1, 2, 4, 8];
+const MOST_PAIRS: usize = 8;
+/// Largest number of frames from the first to the second of a pair.
+const FARTHEST: usize = 8;
 /// Minimum number of pairs that tell something.
 const LEAST_PAIRS: usize = 4;
 /// Width of the compared images, pixels; narrower ones show too little.
@@ -54,7 +54,7 @@ const LEAST_MEAN_TURN_DEGREES: f64 = 0.5;
 /// Poses that agree in no convention are told where so few of so many pairs agree with them: where images are hard to
 /// register, most pairs can be wrong.
 const LOST_SHARE: f64 = 0.1;
-const LEAST_PAIRS_WITHOUT_NAME: usize = 8;
+const LEAST_PAIRS_WITHOUT_NAME: usize = 6;
 
 /// Motion between two frames by their images, in the axes of the first camera.
 #[derive(Debug, Clone, Copy)]
@@ -362,34 +362,35 @@ fn pairs_in_images(
         let Some(from) = read(posed[begin])? else {
             return Ok(None);
         };
-        let mut found = None;
-        for step in STEPS {
+        let pair = |step: usize| -> Result<Option<(PairInImages, f64)>, CurateError> {
             let Some(&end) = posed.get(begin + step) else {
-                break;
+                return Ok(None);
             };
-            let Some(to) = read(end)? else {
-                break;
-            };
-            match pair_in_images((posed[begin], &from), (end, &to), &directions) {
-                None => break,
-                Some(pair) => found = Some(pair),
-            }
-            if found.is_some_and(|pair: PairInImages| pair.heading.is_some()) {
-                break;
-            }
-        }
-        Ok(found)
+            let to = read(end)?;
+            Ok(to.and_then(|to| pair_in_images((posed[begin], &from), (end, &to), &directions)))
+        };
+        let Some((near, parallax)) = pair(1)? else {
+            return Ok(None);
+        };
+        let step = (1.5 * LEAST_PARALLAX_PIXELS / parallax)
+            .ceil()
+            .min(FARTHEST as f64) as usize;
+        let far = match step {
+            0 | 1 => None,
+            _ => pair(step)?,
+        };
+        Ok(Some(far.map_or(near, |(far, _)| far)))
     });
     let measured: Vec<Option<PairInImages>> = measured.collect::<Result<_, CurateError>>()?;
     Ok(measured.into_iter().flatten().collect())
 }
 
-/// Registers two frames; `None` where that fails.
+/// Registers two frames, and returns their parallax in pixels too; `None` where that fails.
 fn pair_in_images(
     (first, from): (usize, &GreySphere),
     (second, to): (usize, &GreySphere),
     directions: &[Vec3],
-) -> Option<PairInImages> {
+) -> Option<(PairInImages, f64)> {
     let found = register(from, to, directions)?;
     let turn = found.rotation.as_dquat();
     let parallax = found.motion.parallax_radians / f64::from(from.pixel_radians(0));
@@ -398,11 +399,12 @@ fn pair_in_images(
         .heading
         .filter(|_| parallax > LEAST_PARALLAX_PIXELS);
     let turned = angle_between(turn, DQuat::IDENTITY).to_degrees();
-    (turned < LARGEST_TURN_DEGREES).then_some(PairInImages {
+    let pair = PairInImages {
         frames: [first, second],
         turn,
         heading: heading.map(Vec3::as_dvec3),
-    })
+    };
+    (turned < LARGEST_TURN_DEGREES).then_some((pair, parallax))
 }
 
 #[cfg(test)]
