@@ -16,6 +16,7 @@ pub mod boundaries;
 pub mod criteria;
 pub mod dataset;
 mod decoding_notes;
+mod edited_frames;
 pub mod error;
 pub mod exchange;
 mod frame_order;

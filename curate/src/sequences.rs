@@ -12,7 +12,7 @@ use omnilife_schemas::{
     elapsed::Stopwatch,
     layout::{BOUNDARIES_FILE, FRAMES_FOLDER, MOTION_FOLDER, SEQUENCE_FILE, sequence_name},
     ownership::NameState,
-    plain_text::{self, counted},
+    plain_text::counted,
     progress::Progress,
     records::{
         Admission, BoundaryLedger, CheckOutcome, DetectedProjection, FrameEntry, FrameSet,
@@ -25,6 +25,7 @@ use omnilife_schemas::{
 use omnilife_video::Orientation;
 
 use self::planned::PlannedSequence;
+pub(crate) use crate::edited_frames::STAGE;
 use crate::{
     boundaries::{Detector, Signals},
     criteria,
@@ -38,8 +39,6 @@ use crate::{
 /// Folder for superseded sequences with poses or scores of frames that are no longer chosen, relative to the video's
 /// folder.
 const SUPERSEDED_FOLDER: &str = ".superseded";
-/// Name of the stage, and with it of its done-record.
-pub(crate) const STAGE: &str = "frames";
 
 /// The stage of one video.
 pub(crate) struct Sequencing<'a> {
@@ -396,37 +395,6 @@ fn all_are_ours(folder: &Path, frames_folder: &str) -> Result<bool, CurateError>
         }
     }
     Ok(true)
-}
-
-/// Adds the frames of a sequence that were edited after they were extracted to the inputs of a stage, with a note: what
-/// it found in the extracted ones is stale.
-///
-/// # Errors
-/// When a frame cannot be read.
-pub(crate) fn with_edited_frames(
-    plan: StagePlan,
-    (folder, sequence): (&Path, &Sequence),
-    progress: &dyn Progress,
-) -> Result<StagePlan, StoreError> {
-    let own = StagePlan::new(folder, STAGE).own_files();
-    let mut edited = Vec::new();
-    let mut hashes = String::new();
-    for FrameEntry { file, .. } in &sequence.frames.entries {
-        if own.standing(file)? == NameState::Changed {
-            hashes += &store::sha256_file(&folder.join(file))?;
-            edited.push(file.clone());
-        }
-    }
-    if edited.is_empty() {
-        return Ok(plan);
-    }
-    progress.note(&format!(
-        "{}: frames edited after they were extracted: {} ({})",
-        sequence.id,
-        edited.len(),
-        plain_text::first_of(&edited)
-    ));
-    Ok(plan.with_hash("edited frames", store::sha256_bytes(hashes.as_bytes())))
 }
 
 /// Names of the sequence folders in a video's folder, in order.

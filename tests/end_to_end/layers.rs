@@ -102,6 +102,7 @@ const METHODS: &[&[&str]] = &[
 const RECONSTRUCT: &[&[&str]] = &[&["registry"], &["backends", "variant"], &["jobs"]];
 const CURATE: &[&[&str]] = &[
     &[
+        "edited_frames",
         "error",
         "frame_order",
         "jpeg",

@@ -37,9 +37,9 @@ use omnilife_schemas::{
 
 use self::reliability::Target;
 use crate::{
+    edited_frames::with_edited_frames,
     error::CurateError,
     poses::{self, MaskProgram},
-    sequences::with_edited_frames,
 };
 
 /// Folder of the masks of classes, beside the record.

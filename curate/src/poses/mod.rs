@@ -51,7 +51,7 @@ use omnilife_schemas::{
     store,
 };
 
-use crate::{error::CurateError, sequences::with_edited_frames};
+use crate::{edited_frames::with_edited_frames, error::CurateError};
 pub use attach::{AttachRequest, attach};
 pub use entered_masks::{MasksEntry, enter_masks};
 use frame_camera::FrameCamera;

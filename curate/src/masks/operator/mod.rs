@@ -26,7 +26,7 @@ use omnilife_schemas::{
 
 use self::{caps::Cap, evidence::GoesBy, region::Region};
 use super::{deeplab, dynamic_share, reliability, reliability::Target, residual};
-use crate::{error::CurateError, motion::GreySphere, sequences::with_edited_frames};
+use crate::{edited_frames::with_edited_frames, error::CurateError, motion::GreySphere};
 
 /// Id of the detector in [`reliability`].
 pub const ID: &str = "operator";
