@@ -267,6 +267,25 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_part_of_a_model_taken_alone_is_told() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| folder.path().join(name);
+        let write = |name: &str| std::fs::write(at(name), "").expect("a file");
+        let notes = |path: &Path| notes_on(path, &InvalidGaussians::default());
+        write(GAUSSIANS_FILE);
+        assert!(notes(&at(GAUSSIANS_FILE)).is_empty());
+        write(MOVING_GAUSSIANS_FILE);
+        let told = notes(&at(GAUSSIANS_FILE));
+        assert!(
+            told.len() == 1 && told[0].contains(MOVING_GAUSSIANS_FILE),
+            "{told:?}"
+        );
+        // The folder has all of it, and files of other names are no parts.
+        write("other.ply");
+        assert!(notes(folder.path()).is_empty() && notes(&at("other.ply")).is_empty());
+    }
+
+    #[test]
     fn parameterizations_have_one_format_each() {
         for (number, format) in FORMATS.iter().enumerate() {
             let is_other = |other: &Format| other.parameterization != format.parameterization;
