@@ -11,7 +11,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-/// Name of the stage, and with it of its done-record.
+/// Name of the stage that extracts the frames of a sequence, and with it of its done-record.
 pub(crate) const STAGE: &str = "frames";
 
 /// Adds the frames of a sequence that were edited after they were extracted to the inputs of a stage, with a note: what
@@ -29,7 +29,7 @@ pub(crate) fn with_edited_frames(
     let mut hashes = String::new();
     for FrameEntry { file, .. } in &sequence.frames.entries {
         if own.standing(file)? == NameState::Changed {
-            hashes += &store::sha256_file(&folder.join(file))?;
+            hashes += &format!("{file} {}\n", store::sha256_file(&folder.join(file))?);
             edited.push(file.clone());
         }
     }

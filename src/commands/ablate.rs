@@ -24,7 +24,7 @@ use super::pooled;
 use crate::{
     cli::MethodArguments,
     exit::{self, BadRequest, PartialFailure},
-    plans::ablation,
+    plans::{self, ablation},
     preparation,
 };
 
@@ -80,12 +80,14 @@ pub(crate) fn execute(
                 ))
                 .into());
             }
+            let networks = plans::scoring_networks()?;
             let request = ablation::AblationRequest {
                 scene,
                 split: &split,
                 out,
                 arguments,
                 iterations,
+                networks: &networks,
                 needs: pooled::needs(None)?,
             };
             let units = rows.iter().map(|row| request.unit(method, row.as_deref()));

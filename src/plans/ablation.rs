@@ -13,7 +13,7 @@ use omnilife_schemas::{
     records::{SweepUnit, UnitNeeds},
 };
 
-use super::{absolute, argument, own_command, scoring, scoring_networks, tensorboard, words};
+use super::{absolute, argument, own_command, scoring, tensorboard, words};
 use crate::cli::MethodArguments;
 
 pub(crate) struct AblationRequest<'a> {
@@ -25,6 +25,8 @@ pub(crate) struct AblationRequest<'a> {
     pub(crate) arguments: &'a MethodArguments,
     /// Optimizer steps of every row.
     pub(crate) iterations: u64,
+    /// Weights of the networks that score its views.
+    pub(crate) networks: &'a [String],
     /// Share of the machine that a row takes.
     pub(crate) needs: UnitNeeds,
 }
@@ -58,7 +60,7 @@ impl AblationRequest<'_> {
             labels: [("method".to_owned(), name)].into(),
             commands: vec![own_command(train)?, score],
             on_failure: Vec::new(),
-            inputs: [vec![scene, split], scoring_networks()?].concat(),
+            inputs: [&[scene, split], self.networks].concat(),
             outputs: vec![argument(&folder.join("score/result.json"))?],
             needs: self.needs,
         })

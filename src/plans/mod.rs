@@ -38,7 +38,7 @@ fn absolute(path: &Path) -> anyhow::Result<PathBuf> {
 ///
 /// # Errors
 /// When a path is not UTF-8.
-fn scoring_networks() -> anyhow::Result<Vec<String>> {
+pub(crate) fn scoring_networks() -> anyhow::Result<Vec<String>> {
     let installed = Backbone::ALL
         .into_iter()
         .filter_map(|backbone| backbone.published_weights().ok());

@@ -60,6 +60,17 @@ pub struct ForeignScene {
 }
 
 impl ForeignScene {
+    /// Returns a line on images whose registration to each other failed.
+    pub(super) fn failed_registration(&self) -> Option<String> {
+        match &self.pose_source {
+            Some(PoseSource::Registered {
+                reason,
+                succeeded: false,
+            }) => Some(format!("registering the frames failed: {reason}")),
+            _ => None,
+        }
+    }
+
     /// Returns a scene of frames in a folder, with everything else unknown.
     pub(super) fn new(camera: FrameCamera, frames: Vec<ForeignFrame>, root: &Path) -> Self {
         Self {

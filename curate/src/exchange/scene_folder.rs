@@ -122,7 +122,7 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
             "images left out, which have no pose",
         ))
         .chain(distances::missing(&foreign))
-        .chain(failed_registration(&foreign))
+        .chain(foreign.failed_registration())
         .chain(left_out::unread_lists(&foreign))
         .chain(split.note)
         .chain(times.notes)
@@ -137,17 +137,6 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
     super::fill_folder(request.out, |folder| {
         write(request, &source, (&names, &times.seconds), notes, folder)
     })
-}
-
-/// Returns a line on images whose registration to each other failed.
-fn failed_registration(scene: &ForeignScene) -> Option<String> {
-    match &scene.pose_source {
-        Some(PoseSource::Registered {
-            reason,
-            succeeded: false,
-        }) => Some(format!("registering the frames failed: {reason}")),
-        _ => None,
-    }
 }
 
 /// A scene as read, with the resampling of its frames to a camera without a lens.

@@ -13,7 +13,6 @@ use omnilife_schemas::{
     pose::angle_between,
     records::{PoseValidation, ValidationStatus},
 };
-use rayon::prelude::*;
 
 use super::validate::angle_degrees;
 use crate::{
@@ -37,6 +36,8 @@ const LARGEST_TURN_DEGREES: f64 = 40.0;
 const LEAST_TURN_DEGREES: f64 = 3.0;
 /// Parallax below this tells no direction of the motion, pixels.
 const LEAST_PARALLAX_PIXELS: f64 = 1.0;
+/// Parallax that pairs of a slow camera are chosen for, pixels.
+const SHOWN_PARALLAX_PIXELS: f64 = 1.5;
 /// Largest difference of a turn, as a share of it, where poses agree; and least such difference, degrees.
 const TURN_SHARE: f64 = 0.5;
 const TURN_DEGREES: f64 = 2.0;
@@ -358,7 +359,8 @@ fn pairs_in_images(
         Ok((image.width >= WIDTH).then(|| GreySphere::new(&image, WIDTH)))
     };
     // A slow camera shows its way over some frames; a fast one is lost after one.
-    let measured = begins.into_par_iter().map(|begin| {
+    // One pair after the other: frames of a large video are large, and registration takes all cores.
+    let measured = begins.into_iter().map(|begin| {
         let Some(from) = read(posed[begin])? else {
             return Ok(None);
         };
@@ -372,7 +374,7 @@ fn pairs_in_images(
         let Some((near, parallax)) = pair(1)? else {
             return Ok(None);
         };
-        let step = (1.5 * LEAST_PARALLAX_PIXELS / parallax)
+        let step = (SHOWN_PARALLAX_PIXELS / parallax)
             .ceil()
             .min(FARTHEST as f64) as usize;
         let far = match step {

@@ -49,7 +49,7 @@ pub(crate) fn drafted(draft: &mut Draft<'_>, scene: &TrainingScene) -> FirstObje
     first
 }
 
-/// Returns the tracks of vehicles; `None` where there are none. People bend as they walk, and a rigid box of them was
+/// Returns the tracks of vehicles; `None` without vehicles. People bend as they walk, and a rigid box of them was
 /// worse than Gaussians with lifespans (docs/results/quality.md).
 fn vehicles(tracks: &Tracks) -> Option<Tracks> {
     let mut vehicles = tracks.clone();

@@ -6,15 +6,11 @@ use omnilife_schemas::{
 
 use super::{
     lift::DistanceView,
-    pairs::{ScaledViews, Sighting},
+    pairs::{self, LEAST_PLACES, ONE_SURFACE, ScaledViews, Sighting, shown, with_distances},
     units::{Reading, other_unit},
 };
 use crate::{error::ReconstructError, scene::TrainingScene};
 
-/// Maximum difference of two views' values at one surface.
-const ONE_SURFACE: f64 = 0.1;
-/// Minimum number of places for comparing colours.
-const LEAST_PLACES: usize = 500;
 /// Differences between views that the rounding to pixels explains.
 pub const LEAST_DISAGREEMENT: f64 = 0.005;
 /// Minimum gain in agreement of mirrored views for a mirrored world, dB.
@@ -127,21 +123,6 @@ pub fn mirrored_disagreements(views: &[DistanceView<'_>]) -> Option<[f64; 2]> {
     Some([as_given, share_apart(&shown(views, &mirrored))?])
 }
 
-fn with_distances(
-    views: &[DistanceView<'_>],
-    other: impl Fn(&DistanceView<'_>) -> DistanceImage,
-) -> Vec<DistanceImage> {
-    views.iter().map(other).collect()
-}
-
-/// Returns views with other distances.
-fn shown<'a>(views: &[DistanceView<'a>], distances: &'a [DistanceImage]) -> Vec<DistanceView<'a>> {
-    let views = views.iter().zip(distances);
-    views
-        .map(|(view, distances)| DistanceView { distances, ..*view })
-        .collect()
-}
-
 /// Returns distances along rays, of numbers that were read by the one convention and meant by the other.
 fn read_as(
     mut distances: DistanceImage,
@@ -168,9 +149,7 @@ fn disagreement(views: &[DistanceView<'_>]) -> Option<f64> {
 }
 
 fn share_apart(views: &[DistanceView<'_>]) -> Option<f64> {
-    let all = log_ratios(views);
-    let apart = all.iter().filter(|&&ratio| ratio > ONE_SURFACE).count();
-    (all.len() >= LEAST_PLACES).then(|| apart as f64 / all.len() as f64)
+    pairs::share_apart(&log_ratios(views))
 }
 
 /// Returns the differences of two views' distances at common places, as logarithms.

@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 use omnilife_engine::camera::nearest::Projector;
+use omnilife_schemas::distances::DistanceImage;
 use rayon::prelude::*;
 
 use super::{
@@ -11,6 +12,11 @@ use super::{
 
 /// Steps between the columns and the rows of examined pixels: one pixel in eight.
 const STEPS: [usize; 2] = [4, 2];
+
+/// Maximum difference of two views' values at one surface, a logarithm.
+pub(super) const ONE_SURFACE: f64 = 0.1;
+/// Minimum number of places for a comparison of views.
+pub(super) const LEAST_PLACES: usize = 500;
 
 /// A place of one view that another one sees.
 #[derive(Debug, Clone, Copy)]
@@ -96,6 +102,32 @@ impl ScaledViews<'_> {
             .map(|&[first, second]| of(first, second, self.sightings(first, second)))
             .collect()
     }
+}
+
+/// Returns other distances of each view.
+pub(super) fn with_distances(
+    views: &[DistanceView<'_>],
+    other: impl Fn(&DistanceView<'_>) -> DistanceImage,
+) -> Vec<DistanceImage> {
+    views.iter().map(other).collect()
+}
+
+/// Returns views with other distances.
+pub(super) fn shown<'a>(
+    views: &[DistanceView<'a>],
+    distances: &'a [DistanceImage],
+) -> Vec<DistanceView<'a>> {
+    let views = views.iter().zip(distances);
+    views
+        .map(|(view, distances)| DistanceView { distances, ..*view })
+        .collect()
+}
+
+/// Returns the share of places at which views disagree, from the logarithms of the ratios of their distances; `None`
+/// with too few places.
+pub(super) fn share_apart(log_ratios: &[f64]) -> Option<f64> {
+    let apart = log_ratios.iter().filter(|&&ratio| ratio > ONE_SURFACE);
+    (log_ratios.len() >= LEAST_PLACES).then(|| apart.count() as f64 / log_ratios.len() as f64)
 }
 
 impl DistanceView<'_> {

@@ -10,15 +10,14 @@ use omnilife_schemas::{distances::DistanceImage, statistics::median};
 
 use super::{
     lift::DistanceView,
-    pairs::{ScaledViews, Sighting},
+    pairs::{ScaledViews, Sighting, share_apart, shown, with_distances},
 };
 
-/// Maximum difference of two views' values at one surface, a logarithm.
-const ONE_SURFACE: f64 = 0.1;
-/// Minimum number of places in all pairs.
-const LEAST_PLACES: usize = 500;
 /// Maximum number of compared pairs.
 const MOST_PAIRS: usize = 12;
+const LEAST_PAIRS: usize = 3;
+/// Number of pixels of all compared pairs, above which there are fewer pairs.
+const MOST_PIXELS: usize = 2_000_000;
 /// Distances in doubt are those on which views disagree at more than this share of the places.
 const DOUBTFUL_SHARE: f64 = 0.15;
 /// Another reading is named where views disagree at less than this share of the places, and at less than the second
@@ -64,17 +63,15 @@ pub struct OtherUnit {
 /// Finds a unit under which views agree far better. `None` where they agree as they are, where no other unit is clearly
 /// better, and where views share too few places.
 pub fn other_unit(views: &[DistanceView<'_>]) -> Option<OtherUnit> {
-    let pairs = pairs(views.len());
+    let pixels = views.first()?.distances.values.len();
+    let pairs = pairs(views.len(), pixels);
     let as_given = share_apart(&log_ratios(views, &pairs, 0.0))?;
     if as_given <= DOUBTFUL_SHARE {
         return None;
     }
-    let inverse: Vec<DistanceImage> = views.iter().map(inverted).collect();
-    let inverse: Vec<DistanceView<'_>> = (views.iter().zip(&inverse))
-        .map(|(view, distances)| DistanceView { distances, ..*view })
-        .collect();
+    let inverse = with_distances(views, inverted);
     let factor = best_factor(views, &pairs);
-    let over = best_factor(&inverse, &pairs);
+    let over = best_factor(&shown(views, &inverse), &pairs);
     let found = [
         factor.map(|(log, share)| (Reading::Times(log.exp()), share)),
         over.map(|(log, share)| (Reading::Over(log.exp()), share)),
@@ -88,13 +85,13 @@ pub fn other_unit(views: &[DistanceView<'_>]) -> Option<OtherUnit> {
     })
 }
 
-/// Returns pairs of neighbouring views, and of views a quarter of all apart.
-fn pairs(count: usize) -> Vec<[usize; 2]> {
+/// Returns pairs of neighbouring views, and of views a quarter of all apart; of large images fewer.
+fn pairs(count: usize, pixels: usize) -> Vec<[usize; 2]> {
     let apart = |gap: usize| (gap..count).map(move |second| [second - gap, second]);
-    let mut all: Vec<[usize; 2]> = apart(1).chain(apart((count / 4).max(2))).collect();
-    let step = all.len().div_ceil(MOST_PAIRS).max(1);
-    all = all.into_iter().step_by(step).collect();
-    all
+    let all: Vec<[usize; 2]> = apart(1).chain(apart((count / 4).max(2))).collect();
+    let most = (MOST_PIXELS / pixels.max(1)).clamp(LEAST_PAIRS, MOST_PAIRS);
+    let step = all.len().div_ceil(most).max(1);
+    all.into_iter().step_by(step).collect()
 }
 
 fn inverted(view: &DistanceView<'_>) -> DistanceImage {
@@ -117,12 +114,6 @@ fn log_ratios(views: &[DistanceView<'_>], pairs: &[[usize; 2]], log_factor: f64)
         sightings.iter().map(|one| one.log_ratio.abs()).collect()
     });
     sightings.concat()
-}
-
-/// Returns the share of places at which views disagree; `None` with too few places.
-fn share_apart(log_ratios: &[f64]) -> Option<f64> {
-    let apart = log_ratios.iter().filter(|&&ratio| ratio > ONE_SURFACE);
-    (log_ratios.len() >= LEAST_PLACES).then(|| apart.count() as f64 / log_ratios.len() as f64)
 }
 
 /// Returns the logarithm of the factor with which views agree best, and the share of places at which they disagree then.
