@@ -13,10 +13,11 @@ pub struct Lift {
     pub scene: String,
     /// Source of its distances, in words: the origin of the files, or a sweep.
     pub distances: String,
-    /// Median relative difference between views that see one surface, as the distances came.
-    pub disagreement_before: f64,
+    /// Median relative difference between views that see one surface, as the distances came; `None` where no two views
+    /// can be compared.
+    pub disagreement_before: Option<f64>,
     /// The same with the views' factors.
-    pub disagreement: f64,
+    pub disagreement: Option<f64>,
     /// Largest relative difference of the distances of two views of one surface.
     pub tolerance: f64,
     /// Share of the lifted samples, before the choice among views, that stand where two views or more see

@@ -52,16 +52,19 @@ pub(super) struct Samples {
     /// Counts of the pixels by their use.
     pub(super) record: Lift,
     /// Median difference between views, with scale factors if they are used.
-    disagreement: f64,
+    disagreement: Option<f64>,
 }
+
+/// Said where no two views can be compared.
+const NOT_MEASURED: &str = "no two views agree on a surface, so that their difference is not known";
 
 /// Agreement of the views on their scales.
 #[derive(Debug)]
 pub(super) struct ScaleAgreement {
     /// Median difference between views without factors.
-    pub(super) before: f64,
+    pub(super) before: Option<f64>,
     /// Median difference with the factors.
-    pub(super) disagreement: f64,
+    pub(super) disagreement: Option<f64>,
     /// The factor on the distances of each view.
     pub(super) factors: Vec<f64>,
 }
@@ -125,7 +128,7 @@ impl Samples {
     fn joined(
         views: Vec<SourceView>,
         chosen: SampleChoice,
-        disagreement: f64,
+        disagreement: Option<f64>,
         mut warnings: Vec<String>,
         record: Lift,
     ) -> Self {
@@ -163,11 +166,14 @@ impl Samples {
         if views < 2 {
             return Decision::new(false, "one view does not tell a distance");
         }
-        let reason = format!(
-            "{views} views differ by {:.2} % where they see one surface; where they do not, moving centres is \
-             worth 0.2 to 0.6 dB for 3 % of the time",
-            100.0 * self.disagreement
-        );
+        let found = match self.disagreement {
+            Some(differ) => format!(
+                "{views} views differ by {:.2} % where they see one surface; where they do not",
+                100.0 * differ
+            ),
+            None => NOT_MEASURED.to_owned(),
+        };
+        let reason = format!("{found}, moving centres is worth 0.2 to 0.6 dB for 3 % of the time");
         Decision::new(true, reason)
     }
 
@@ -255,23 +261,22 @@ fn agreed(
         .iter()
         .copied()
         .fold(0.0, |most: f64, log| most.max(log.exp_m1().abs()));
-    let reason = if fit.is_measured {
-        format!(
+    let reason = match fit.disagreement_before.zip(fit.disagreement_after) {
+        Some((before, after)) => format!(
             "views differ by {:.2} % where they see one surface (limit {:.1} %), by {:.2} % with factors of up \
              to {:.2} %",
-            100.0 * fit.disagreement_before,
+            100.0 * before,
             100.0 * LEAST_DISAGREEMENT,
-            100.0 * fit.disagreement_after,
+            100.0 * after,
             100.0 * largest
-        )
-    } else {
-        "no two views agree on a surface, so that their difference is not known".to_owned()
+        ),
+        None => NOT_MEASURED.to_owned(),
     };
-    if !fit.is_measured && views.len() > 1 {
+    if fit.disagreement_before.is_none() && views.len() > 1 {
         warnings.push(reason.clone());
     }
     let alone = (views.len() < 2).then_some("a second view");
-    let decision = Decision::new(differ(fit.disagreement_before), reason).unless(alone);
+    let decision = Decision::new(fit.disagreement_before.is_some_and(differ), reason).unless(alone);
     if fit.groups.len() > 1 {
         let frame = |&view: &usize| scene.input_views[view].frame.to_string();
         let groups = fit.groups.iter();
@@ -338,7 +343,7 @@ fn thins_poles(scene: &TrainingScene, views: &[SourceView], plan: &mut DecisionL
 fn chosen(
     views: &[SourceView],
     lifted: Vec<SurfaceSamples>,
-    disagreement: f64,
+    disagreement: Option<f64>,
     plan: &mut DecisionLog<'_>,
     warnings: &mut Vec<String>,
 ) -> SampleChoice {

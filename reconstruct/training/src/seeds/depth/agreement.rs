@@ -27,8 +27,8 @@ pub struct Agreement {
 }
 
 /// Returns the maximum difference of two views' distances to one surface, as a share.
-pub fn tolerance(disagreement: f64) -> f64 {
-    LEAST_TOLERANCE.max(DISAGREEMENTS * disagreement)
+pub fn tolerance(disagreement: Option<f64>) -> f64 {
+    LEAST_TOLERANCE.max(DISAGREEMENTS * disagreement.unwrap_or(0.0))
 }
 
 /// Returns true if a view sees past a place: its surface there is farther by more than two and a half tolerances.

@@ -43,7 +43,7 @@ pub fn require_meaning(
     };
     if let Some(found) = other_unit(views) {
         let remedy = match found.reading {
-            Reading::Times(factor) => format!("multiply --depth-prior-unit by {factor:.3}"),
+            Reading::Times(factor) => format!("multiply --depth-prior-unit by about {factor:.3}"),
             Reading::Over(_) => "give distances, not their inverse".to_owned(),
         };
         return refuse(format!(

@@ -29,12 +29,10 @@ const ROUNDS: usize = 3;
 pub struct ScaleFit {
     /// Logarithm of each view's factor; they sum up to 0 in each group.
     pub log_scales: Vec<f64>,
-    /// Median of the relative differences between views without factors, 0 without any pair.
-    pub disagreement_before: f64,
+    /// Median of the relative differences between views without factors; `None` where no two share enough places.
+    pub disagreement_before: Option<f64>,
     /// Median of the relative differences with the factors.
-    pub disagreement_after: f64,
-    /// True if any two views share enough places for a comparison.
-    pub is_measured: bool,
+    pub disagreement_after: Option<f64>,
     /// Views that share enough places, directly or through others.
     pub groups: Vec<Vec<usize>>,
 }
@@ -54,7 +52,6 @@ pub fn fit_scales(views: &[DistanceView<'_>]) -> ScaleFit {
     let mut equations = equations(views, &log_scales);
     let disagreement_before = disagreement(&equations);
     let groups = groups(views.len(), &equations);
-    let is_measured = !equations.is_empty();
     for _ in 0..ROUNDS {
         // Undetermined factors stay; the disagreement measures their fit.
         let Some(step) = solved(views.len(), &equations, &groups) else {
@@ -69,7 +66,6 @@ pub fn fit_scales(views: &[DistanceView<'_>]) -> ScaleFit {
         log_scales,
         disagreement_before,
         disagreement_after: disagreement(&equations),
-        is_measured,
         groups,
     }
 }
@@ -94,10 +90,10 @@ fn equations(views: &[DistanceView<'_>], log_scales: &[f64]) -> Vec<Equation> {
     scaled.of_pairs(of_pair).into_iter().flatten().collect()
 }
 
-fn disagreement(equations: &[Equation]) -> f64 {
+fn disagreement(equations: &[Equation]) -> Option<f64> {
     let all = equations.iter().flat_map(|equation| &equation.differences);
     let all: Vec<f64> = all.copied().collect();
-    median(&all).unwrap_or(0.0)
+    median(&all)
 }
 
 /// Returns the groups of views that equations connect.
@@ -171,7 +167,7 @@ mod tests {
         for (found, expected) in found.iter().zip(truth) {
             assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         }
-        assert_eq!(disagreement(&equations), 0.02);
-        assert_eq!(disagreement(&[]), 0.0);
+        assert_eq!(disagreement(&equations), Some(0.02));
+        assert_eq!(disagreement(&[]), None);
     }
 }

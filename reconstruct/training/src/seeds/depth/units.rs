@@ -43,8 +43,9 @@ pub enum Reading {
 impl fmt::Display for Reading {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Times(factor) => write!(f, "times {factor:.3}"),
-            Self::Over(factor) => write!(f, "read as {factor:.3} over the numbers (disparities)"),
+            Self::Times(factor) => write!(f, "times about {factor:.3}"),
+            // Its factor is in normalized units, which nobody outside knows.
+            Self::Over(_) => f.write_str("read as disparities"),
         }
     }
 }
@@ -85,10 +86,14 @@ pub fn other_unit(views: &[DistanceView<'_>]) -> Option<OtherUnit> {
     })
 }
 
-/// Returns pairs of neighbouring views, and of views a quarter of all apart; of large images fewer.
+/// Returns pairs of views a quarter, a half and three quarters of all apart: neighbours hardly move. Of large images
+/// there are fewer.
 fn pairs(count: usize, pixels: usize) -> Vec<[usize; 2]> {
-    let apart = |gap: usize| (gap..count).map(move |second| [second - gap, second]);
-    let all: Vec<[usize; 2]> = apart(1).chain(apart((count / 4).max(2))).collect();
+    let apart = |quarters: usize| {
+        let gap = (quarters * count / 4).max(1);
+        (gap..count).map(move |second| [second - gap, second])
+    };
+    let all: Vec<[usize; 2]> = (1..=3).flat_map(apart).collect();
     let most = (MOST_PIXELS / pixels.max(1)).clamp(LEAST_PAIRS, MOST_PAIRS);
     let step = all.len().div_ceil(most).max(1);
     all.into_iter().step_by(step).collect()
